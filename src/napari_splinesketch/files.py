@@ -12,6 +12,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from uuid import uuid4
 
+EXISTS = "exists already; choose another name, or overwrite it (overwrite=True, --overwrite)"
 FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
 LOCKLESS = {errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOLCK}
 """What locking says on a disk that cannot lock files, as some of clusters cannot."""
@@ -260,9 +261,7 @@ def _publish(temporary: Path, target: Path, overwrite: bool) -> None:
 
 def _refuse_existing(path: Path) -> None:
     if path.exists():
-        raise FileExistsError(
-            f"{path} exists already; choose another name or ask for it to be overwritten"
-        )
+        raise FileExistsError(f"{path} {EXISTS}")
 
 
 def _take(lock: Path, target: Path) -> int:

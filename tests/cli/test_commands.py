@@ -77,6 +77,9 @@ def test_more_names_than_one_image_has_are_refused(capsys: pytest.CaptureFixture
         main(["refine", "a1.png", "a2.png", "a.csv", "-o", "b.csv"])
     reason = "unrecognized arguments: a.csv; of many images, give their folder, or a name with * in"
     assert reason in capsys.readouterr().err
+    with pytest.raises(SystemExit):
+        main(["refine", "a1.png", "a.csv", "-o", "b.csv", "--pesret", "paper"])
+    assert "unrecognized arguments: --pesret paper\n" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("sizes", [["a.csv"], [""], []])

@@ -193,7 +193,7 @@ def test_bodies_may_lie_where_pixels_are_missing(folder: Path) -> None:
 
 def test_only_training_sets_are_replaced_and_only_when_asked(tmp_path: Path, folder: Path) -> None:
     export_training(folder, IMAGES, REVIEWED)
-    with pytest.raises(FileExistsError, match="exists already"):
+    with pytest.raises(FileExistsError, match=r"exists already.*overwrite=True"):
         export_training(folder, IMAGES, REVIEWED)
     export_training(folder, IMAGES, REVIEWED, whole_frames=True, overwrite=True)
     assert read_training(folder).frames == (2,)

@@ -58,8 +58,9 @@ def run(arguments: Sequence[str] | None) -> int:
         arguments = sys.argv[1:] if arguments is None else arguments
         options, more = parser.parse_known_args(numbers_joined(arguments, "--pixel-size"))
         if more:
-            told = f"unrecognized arguments: {' '.join(more)}"
-            parser.error(f"{told}; of many images, give their folder, or a name with * in quotes")
+            many = "; of many images, give their folder, or a name with * in quotes"
+            many = "" if any(each.startswith("-") for each in more) else many
+            parser.error(f"unrecognized arguments: {' '.join(more)}{many}")
         name, (kind, do) = options.command, COMMANDS[options.command]
         kept = issubclass(kind, jobs.FrameJob)
         try:

@@ -225,8 +225,8 @@ class Tracking:
                 before = self._taken.get(one.frame)
                 there = replace(one, frame=self.times[one.frame])
                 self._numbers.update(one.ids, one.given)
-                lost = self._numbers if self.corrected is None and not one.error else ()
-                state = taken_in(state, there, before.ids if before else (), lost)
+                carried = self._numbers if self.corrected is None and not one.error else ()
+                state = taken_in(state, there, before.ids if before else (), carried)
                 # Not what was deleted there; and the pictures of a long film would fill the memory.
                 curves = {n: c for n, c in one.by_id.items() if (there.frame, n) in state.by_key}
                 drifting = one.drifting & curves.keys()

@@ -265,7 +265,7 @@ class Keeper:
         try:
             choices.save(self.settings)
         except OSError as error:
-            why = f"napari could not write its settings ({error.strerror})"
+            why = f"napari could not write its settings ({error.strerror or error})"
             self.say(f"Chosen, but not for next time: {why}. Make room there, and choose again.")
 
     def close(self) -> None:

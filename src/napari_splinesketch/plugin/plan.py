@@ -118,9 +118,9 @@ def _matched(
     known = (*gone, *(r for r in here if not r.decided))
     carried = {r: None for r in known if r.id in elsewhere and r.carried}
     # The line that a file brought for a curve is there, too, where another one puts it right.
-    left = [r for r in drawn if r.id not in taken or (r.from_file and r in carried)]
-    left += [r for r in carried if not r.drawn and r.id not in taken]
-    unmoved = [r for r in here if not r.drawn or (r.from_file and r.id in taken)]
+    either = dict.fromkeys((*drawn, *carried))
+    left = [r for r in either if r.id not in taken or (r.from_file and r in carried)]
+    unmoved = (r for r in here if r.carried and (not r.drawn or r.id in taken))
     sure = {r.id for r in unmoved if r.curve.status == "good"}
     numbers = iter(model.identify(rest, left, (*state.records, *state.deleted), sure))
     return [number or next(numbers) for number in found], [bool(number) for number in found]

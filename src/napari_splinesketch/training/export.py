@@ -16,7 +16,7 @@ from jaxtyping import Bool, Int, Real, UInt16
 
 from napari_splinesketch import __version__
 from napari_splinesketch.engine.types import POINTS, Array, Curve, Refinement
-from napari_splinesketch.files import atomic_folder, checksum_of_file, owned
+from napari_splinesketch.files import EXISTS, atomic_folder, checksum_of_file, owned
 from napari_splinesketch.images.frames import checksum
 from napari_splinesketch.labels.formats import labelled, open_labels
 from napari_splinesketch.labels.types import AnyLabels, ByFrame, Label, in_frames
@@ -258,8 +258,7 @@ def _free(folder: Path, overwrite: bool) -> Path:
         raise FileNotFoundError(f"{folder.parent}: no such folder; make it first")
     if os.path.lexists(folder) and not (overwrite and _is_set(folder)):
         foreign = "is no training set, or has other files in it, and is not replaced"
-        again = "exists already; choose another name or ask for it to be overwritten"
-        raise FileExistsError(f"{folder} {foreign if overwrite else again}")
+        raise FileExistsError(f"{folder} {foreign if overwrite else EXISTS}")
     return folder
 
 
