@@ -101,6 +101,24 @@ def test_a_line_drawn_again_beside_a_new_one_leaves_nothing_to_refine(
         assert not made.controller.request().targets, "each line has its curve, or had one"
 
 
+@pytest.mark.parametrize("by", [[[0, 0], [4, 3]], [[2, 2], [2, 2]], [[1, 0], [0, 0]]])
+def test_a_line_moved_and_another_drawn_over_its_body_leave_nothing_to_refine(
+    qapp: Any, fake: FakeEngine, by: Any
+) -> None:
+    with bench() as made:
+        made.begin()
+        layer = made.controller.sketches
+        assert layer is not None
+        layer.data = [layer.data[0] + by, layer.data[1]]
+        layer.add(LINES[0] + 1, shape_type="line")
+        made.refine()
+        np.testing.assert_allclose(made.controller.records()[0].sketch, LINES[0] + 1)
+        assert not made.controller.request().targets, "the line that was moved is left alone"
+        assert made.controller.request().deleted == 1
+        made.controller.undo()
+        assert len(made.controller.request().targets) == 1
+
+
 def test_a_line_drawn_again_replaces_the_curve_in_one_step(
     viewer: Any, dock: SplinesketchDock, fake: FakeEngine
 ) -> None:

@@ -317,10 +317,7 @@ class Controller(Keeper):
         keys, left = list(map(key_of, fresh)), len(ids) - len(fresh)
         without = f", without {counted(left, 'curve')} that you decided on" if left else ""
         what = f"Refine {words.curves(keys)}" if keys else ""
-        again = {(plan.frame, target.id) for target in plan.targets if target.again}
-        again.intersection_update(keys)
-        there = (*work.state.deleted, *work.state.records)
-        aside = [record for record in there if key_of(record) in again]
+        aside = [t.again for t in plan.targets if t.again and (plan.frame, t.id) in keys]
         state = work.state.refined(plan.frame, fresh, refined).set_aside(aside)
         self._on_progress(Progress("drawing the curves", 1.0))
 

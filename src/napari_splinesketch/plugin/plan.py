@@ -1,7 +1,7 @@
 """What Refine would take up now, with the layers as they are, and what it leaves alone."""
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from napari_splinesketch.engine.types import Curve
@@ -22,7 +22,7 @@ class Target:
     start: Line
     new: bool = True  # there is no such curve yet
     drawn: bool = True  # the sketch is a line in the user's layer
-    again: bool = False  # over a body that has a curve, which it replaces
+    again: Record | None = None  # of the same body, which it replaces, with the line it has by now
     corrected: bool = False  # it starts from what the user has made of it
     from_file: bool = False  # its line came with it, from a file
 
@@ -62,7 +62,13 @@ def make_plan(
     deleted = {record.id for record in gone} - {record.id for record in here}
     ids, same = _matched(lines, here, gone, state)
     again, lined, selection = _drawn_again(lines, ids, here), set(ids), set(selection)
+    for i, number in [*again.items()]:
+        j = ids.index(number) if number in ids else -1
+        if j > i and not same[j]:  # of a line that was moved and a new one, the new one counts
+            ids[i], ids[j] = number, ids[i]
+            again[j] = again.pop(i)
     replaced = set(again.values())
+    left = {n: lines[i] for i, n in enumerate(ids) if n in replaced and i not in again}
     found = [(i, again.get(i, n)) for i, n in enumerate(ids) if i in again or n not in replaced]
     alone = [] if chosen else [(-1, record.id) for record in here if record.id not in lined]
     targets, decided = dict[int, Target](), 0  # of lines that are the same, one
@@ -75,14 +81,16 @@ def make_plan(
         if known is not None and number not in deleted and known.decided:
             decided += asked or i >= 0
         elif known and kept and (i < 0 or ((mine or known.from_file) and number not in deleted)):
-            marks = known.drawn, False, mine, known.from_file
+            marks = known.drawn, None, mine, known.from_file
             targets[number] = Target(number, known.sketch, known.curve.points, False, *marks)
         else:
             start = lines[i]
             if known is not None and (kept or known.carried):
                 # As its curve runs, which the user may have turned, or its body in other frames.
                 start = turned(start, known.curve.points)
-            over = i in again or (known is not None and known.from_file and not kept)
+            over = known if i in again or (known and known.from_file and not kept) else None
+            if over and number in left:  # that line may have been moved since
+                over = replace(over, sketch=left[number], drawn=True)
             targets[number] = Target(number, lines[i], start, known is None, again=over)
     orphans = tuple([r.id for r in here if r.drawn and r.id not in lined])
     fixed = tuple([r.curve for r in here if r.usable and r.id not in targets])
