@@ -138,7 +138,7 @@ def test_what_was_corrected_goes_on_from_there(scope: Scope) -> None:
     moved = replace(OPEN, curve=as_drawn(A + 5), corrected=True)
     (target,) = make_plan(State((moved,)), 0, Drawn((A,)), scope, selection=[(0, 1)]).targets
     np.testing.assert_array_equal(target.start, moved.curve.points)
-    assert target.corrected, "and will once more"
+    assert target.refined(0, moved.curve).corrected, "and will once more"
     gone = State((moved,)).without([(0, 1)])
     (target,) = make_plan(gone, 0, Drawn((A,)), "selected", chosen=[0]).targets
     np.testing.assert_array_equal(target.start, A, "its line was asked for")
@@ -160,7 +160,8 @@ def test_the_line_of_a_file_is_not_taken_up_where_another_puts_its_curve_right(
 
 def test_a_curve_of_a_file_is_nobodys_until_it_is_changed() -> None:
     (target,) = make_plan(READ, 0, Drawn((D,)), "all").targets
-    assert (target.drawn, target.corrected, target.from_file) == (True, False, True)
+    again = target.refined(0, READ.records[0].curve)
+    assert (again.drawn, again.corrected, again.from_file) == (True, False, True)
     assert not any(r.by_hand for r in READ.records)
 
 

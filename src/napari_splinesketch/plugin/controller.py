@@ -300,18 +300,9 @@ class Controller(Keeper):
         """Take over the curves that nobody has reviewed or deleted meanwhile: `known` before."""
         ids, now = [target.id for target in plan.targets], work.state.by_key
         curves = [replace(c, reasons=words.renumbered(c.reasons, ids)) for c in refined.curves]
-        pairs = zip(plan.targets, curves, strict=True)
         fresh = [
-            Record(
-                t.id,
-                plan.frame,
-                t.sketch,
-                curve,
-                drawn=t.drawn,
-                corrected=t.corrected,
-                from_file=t.from_file,
-            )
-            for t, curve in pairs
+            t.refined(plan.frame, curve)
+            for t, curve in zip(plan.targets, curves, strict=True)
             if now.get((plan.frame, t.id)) is known.get((plan.frame, t.id))
         ]
         keys, left = list(map(key_of, fresh)), len(ids) - len(fresh)

@@ -76,9 +76,14 @@ class Record:
         return self.from_file or not self.drawn
 
     @property
+    def shaped(self) -> bool:
+        """Whether the user has changed the curve itself, since or before it was refined."""
+        return self.edited or self.corrected
+
+    @property
     def by_hand(self) -> bool:
         """Whether the user drew or changed it: tracking goes on from there."""
-        return not self.carried or self.edited or self.corrected
+        return not self.carried or self.shaped
 
     @property
     def decided(self) -> bool:

@@ -21,10 +21,15 @@ class Target:
     sketch: Line
     start: Line
     new: bool = True  # there is no such curve yet
-    drawn: bool = True  # the sketch is a line in the user's layer
     again: Record | None = None  # of the same body, which it replaces, with the line it has by now
-    corrected: bool = False  # it starts from what the user has made of it
-    from_file: bool = False  # its line came with it, from a file
+    known: Record | None = None  # it goes on from this one, as the user has left it
+
+    def refined(self, frame: int, curve: Curve) -> Record:
+        """Give what becomes of it."""
+        if self.known is None:
+            return Record(self.id, frame, self.sketch, curve)
+        shaped = self.known.shaped
+        return replace(self.known, curve=curve, review="open", edited=False, corrected=shaped)
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,15 +79,15 @@ def make_plan(
     targets, decided = dict[int, Target](), 0  # of lines that are the same, one
     for i, number in (*found, *alone):
         known, kept = by_id.get(number), i < 0 or same[i]
+        goes_on = i < 0 or (known is not None and (known.shaped or known.from_file))
         asked = i in chosen or (scope != "new" and (frame, number) in selection)
-        mine = known is not None and (known.edited or known.corrected)  # shaped by hand
         if not (asked or (not chosen and _wanted(scope, known, kept, number in deleted))):
             continue
         if known is not None and number not in deleted and known.decided:
             decided += asked or i >= 0
-        elif known and kept and (i < 0 or ((mine or known.from_file) and number not in deleted)):
-            marks = known.drawn, None, mine, known.from_file
-            targets[number] = Target(number, known.sketch, known.curve.points, False, *marks)
+        elif known and kept and goes_on and number not in deleted:
+            start = known.curve.points
+            targets[number] = Target(number, known.sketch, start, new=False, known=known)
         else:
             start = lines[i]
             if known is not None and (kept or known.carried):
