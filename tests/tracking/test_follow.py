@@ -69,6 +69,14 @@ def run(refine: FakeRefine, frames: Sequence[int] = (1, 2, 3), **options: Any) -
     return list(follow(frames, known(start), options.pop("read", bright), refine=refine, **options))
 
 
+def test_frames_may_be_arrays_and_other_things_are_refused_in_words() -> None:
+    assert [r.ids for r in run(FakeRefine(), read=lambda *_: BRIGHT)] == [(7, 3)] * 3
+    colour, _ = run(FakeRefine(), (1, 2), read=lambda *_: View(np.ones((60, 80, 3))))
+    assert colour.error.startswith("image has shape (60, 80, 3); give one 2-D grey image")
+    with pytest.raises(ValueError, match=r"start has Curve.*; give bodies"):
+        list(follow([1], [curve(LINE)], bright))  # pyright: ignore[reportArgumentType]
+
+
 def known(start: dict[int, list[tuple[int, Curve]]]) -> list[Body]:
     return [Body(number, tuple(seen)) for number, seen in start.items()]
 

@@ -3,9 +3,11 @@
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from reprlib import repr as short
 
 import numpy as np
 
+from napari_splinesketch.engine.checks import checked_image
 from napari_splinesketch.engine.settings import PresetName
 from napari_splinesketch.engine.types import Curve, OnProgress, Progress, Refinement, says_stop
 from napari_splinesketch.tracking.bodies import Body
@@ -48,7 +50,8 @@ def follow(
         The bodies as they are known before; those without a curve that has a length, such as that
         of a sketch of one point, take no part.
     read
-        Gives a `View` of a frame, by its number, or of what is around some lines in it.
+        Gives a frame by its number: its pixels (H, W), or a `View` of it or of what is around
+        some lines in it.
     refine
         Refines sketches; None takes the engine.
     preset
@@ -74,7 +77,12 @@ def follow(
     ------
     A `Tracked` for each frame; one that cannot be read or refined does not stop the others.
     """
-    bodies = {body.id: body for body in start if body.seen and body.length > 0}
+    bodies = {}
+    for body in start:
+        if not isinstance(body, Body):
+            raise ValueError(f"start has {short(body)}; give bodies: Body(0, ((frame, curve),))")
+        if body.seen and body.length > 0:
+            bodies[body.id] = body
     if refine is None:
         from napari_splinesketch.engine.refine import refine
     search = partial(Search, refine=refine, preset=preset, shown=ShownPlaces())
@@ -153,7 +161,9 @@ class _Step:
             return Tracked(frame, given=kept, missing=missing)
         predicted = {body.id: body.predicted(frame) for body in wanted}
         try:
-            view = self.read(frame, [there.line for there in predicted.values()])
+            read = self.read(frame, [there.line for there in predicted.values()])
+            view = read if isinstance(read, View) else View(read)
+            view = replace(view, pixels=checked_image(view.pixels))
             inside = [body for body in wanted if _inside(view, predicted[body.id].line)]
             options = {"contrast": self.contrast, "smooth": self.smooth}
             search = self.search(view, predicted, given.curves, report=report, **options)

@@ -89,7 +89,7 @@ class Tracked:
         return tuple(self.by_id.values())
 
 
-Read = Callable[[int, Sequence[Line]], View]
+Read = Callable[[int, Sequence[Line]], View | Real[np.ndarray, "H W"]]
 """Reads a frame, at least around some lines."""
 
 Refine = Callable[..., Refinement]
