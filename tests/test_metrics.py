@@ -143,7 +143,7 @@ def test_match_prefers_the_smallest_sum_and_respects_the_tolerance():
     curves = [moved(1.0, 0), moved(3.0, 0)]
     np.testing.assert_array_equal(metrics.match(curves, truths).pairs, [[0, 0], [1, 1]])
     np.testing.assert_array_equal(metrics.match(curves, truths, tolerance=0.6).pairs, [[0, 1]])
-    for tolerance in (-1, np.nan):
+    for tolerance in (-1, np.nan, np.inf):
         with pytest.raises(ValueError, match="give a distance from 0"):
             metrics.match(curves, truths, tolerance=tolerance)
 

@@ -39,5 +39,12 @@ def test_frames_without_a_curve_are_said() -> None:
     made = kymograph({1: arc(), 2: arc(0.1), 5: arc(0.3)})
     np.testing.assert_array_equal(np.isnan(made.curvature).all(1), [0, 0, 1, 1, 0])
     np.testing.assert_array_equal(np.isnan(made.speed), [0, 0, 1, 1, 1])
-    with pytest.raises(ValueError, match="no curve"):
-        kymograph({})
+
+
+def test_what_is_no_body_over_time_is_refused_in_words() -> None:
+    for curves in ({}, [arc()], {0: np.eye(2)}):
+        with pytest.raises(ValueError, match="give the curves of one body, by frame"):
+            kymograph(curves)  # pyright: ignore[reportArgumentType]
+    for points in (1, 50.0):
+        with pytest.raises(ValueError, match="give a whole number of points, from 2"):
+            kymograph({0: arc()}, points)  # pyright: ignore[reportArgumentType]

@@ -2,6 +2,8 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from numbers import Integral
+from reprlib import repr as short
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -37,10 +39,13 @@ def kymograph(curves: Mapping[int, Curve], points: int = 100) -> Kymograph:
     curves
         By frame; all from the same end, as tracking gives them.
     points
-        Along the body.
+        Along the body, at least 2.
     """
-    if not curves:
-        raise ValueError("there is no curve; give those of one body, by frame")
+    given = [*curves.values()] if isinstance(curves, Mapping) else None
+    if not given or not all(isinstance(curve, Curve) for curve in given):
+        raise ValueError(f"curves is {short(curves)}; give the curves of one body, by frame")
+    if not isinstance(points, Integral) or points < 2:
+        raise ValueError(f"points is {points!r}; give a whole number of points, from 2")
     frames = np.arange(min(curves), max(curves) + 1)
     lines = np.full((len(frames), points, 2), np.nan)
     curvature = np.full((len(frames), points), np.nan)
