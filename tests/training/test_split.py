@@ -64,9 +64,12 @@ def test_one_frame_and_none_make_no_trouble() -> None:
         ({"shares": (0.0, 0.0, 0.0)}, "three numbers from 0"),
         ({"shares": (1.0, -0.1, 0.1)}, "three numbers from 0"),
         ({"shares": (1.0, float("nan"), 0.1)}, "three numbers from 0"),
+        ({"shares": 0.8}, "shares are 0.8"),
         ({"block": 0}, "block is 0"),
+        ({"block": 1.5}, "block is 1.5; give a whole number from 1"),
         ({"gap": -1}, "gap is -1"),
         ({"seed": -1}, "seed is -1"),
+        ({"seed": None}, "seed is None"),
     ],
 )
 def test_what_divides_nothing_is_refused(wrong: dict, reason: str) -> None:

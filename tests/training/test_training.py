@@ -183,6 +183,8 @@ def test_which_curves_are_kept_is_one_of_two(tmp_path: Path, folder: Path) -> No
     with pytest.raises(ValueError, match="keep is 'Accepted'; choose one of accepted, good"):
         export_training(folder, IMAGES, REVIEWED, keep=keep)
     assert os.listdir(tmp_path) == []
+    with pytest.raises(ValueError, match=r"split is \(1, 0, 0\); give a Split"):
+        export_training(folder, IMAGES, REVIEWED, split=(1, 0, 0))  # pyright: ignore[reportArgumentType]
 
 
 def test_bodies_may_lie_where_pixels_are_missing(folder: Path) -> None:

@@ -94,10 +94,12 @@ def export_training(
         raise ValueError(f"keep is {keep!r}; choose one of {', '.join(get_args(Keep))}")
     if isinstance(images, str) or not hasattr(images, "__getitem__"):
         raise ValueError(f"images is {short(images)}; give an array (frames, H, W) or a list")
+    split = split or Split()
+    if not isinstance(split, Split):
+        raise ValueError(f"split is {short(split)}; give a Split, such as Split({Split.shares})")
     path = Path(labels) if isinstance(labels, str | os.PathLike) else None
     source = in_frames(open_labels(path) if path else labelled(labels))
     frames = _frames(source, keep, whole_frames)
-    split = split or Split()
     parts = split.parts(frames)
     target = _free(Path(folder), overwrite)
     with owned(target), atomic_folder(target, replaces=_is_set) as temporary:

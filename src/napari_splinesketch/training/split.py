@@ -1,6 +1,7 @@
 """Which frames are for training, validation and test: in blocks, since neighbours look alike."""
 
 from dataclasses import dataclass
+from numbers import Integral
 from typing import Literal, get_args
 
 import numpy as np
@@ -41,16 +42,16 @@ class Split:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        if len(self.shares) != 3 or min(self.shares) < 0 or not 0 < sum(self.shares) < np.inf:
+        known = np.shape(self.shares) == (3,) and min(self.shares) >= 0
+        if not known or not 0 < sum(self.shares) < np.inf:
             raise ValueError(
                 f"shares are {self.shares}; give three numbers from 0, not all 0: train, val, test"
             )
-        if self.block is not None and self.block < 1:
-            raise ValueError(f"block is {self.block}; give a number of frames from 1")
-        if self.gap is not None and self.gap < 0:
-            raise ValueError(f"gap is {self.gap}; give a number of frames from 0")
-        if self.seed < 0:
-            raise ValueError(f"seed is {self.seed}; give a whole number from 0")
+        for name, least in (("block", 1), ("gap", 0), ("seed", 0)):
+            given = getattr(self, name)
+            left_out = given is None and name != "seed"
+            if not left_out and not (isinstance(given, Integral) and int(given) >= least):
+                raise ValueError(f"{name} is {given!r}; give a whole number from {least}")
 
     def sizes(self, frames: Int[Array, " F"]) -> tuple[int, int]:
         """Give the frames of a block and of a gap, for these frames."""
