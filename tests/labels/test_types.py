@@ -94,6 +94,8 @@ NONSENSE: dict[str, tuple[Callable[[], object], str]] = {
     "frame": (lambda: Label.from_sketch(POINTS, frame=-1), "frame is -1"),
     "twice": (lambda: Labels((Label.from_sketch(POINTS),) * 2), "occurs twice in frame 0"),
     "scale": (lambda: Labels((), (0.0, 1.0)), r"\(y, x\) size of a pixel, from 1e-30 to 1e\+30"),
+    "one scale": (lambda: Labels((), 0.5), "scale is 0.5; expected"),  # pyright: ignore[reportArgumentType]
+    "curves": (lambda: Labels((curve(),)), "Label.from_curve labels a curve"),  # pyright: ignore[reportArgumentType]
     "infinite width": (lambda: Label(0, 0, POINTS[:2], TWO * np.inf, TWO, "good"), "use NaN"),
     "units alone": (lambda: Labels((), None, "µm"), "give a pixel's size"),
     "no name": (lambda: Labels((), (1.0, 1.0), " "), "a unit's name"),

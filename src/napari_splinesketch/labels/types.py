@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, partial
 from itertools import chain, groupby
 from operator import index
+from reprlib import repr as short
 from types import MappingProxyType
 from typing import Any, Literal, Self, get_args
 
@@ -122,6 +123,8 @@ class Labels:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "labels", tuple(self.labels))
+        if others := [each for each in self.labels if not isinstance(each, Label)]:
+            raise ValueError(f"labels has {short(others[0])}; Label.from_curve labels a curve")
         object.__setattr__(self, "provenance", MappingProxyType(dict(self.provenance)))
         if self.scale is not None:
             _check_pair("scale", "(y, x) size of a pixel", self.scale, 1 / MAX_SCALE, MAX_SCALE)
@@ -309,5 +312,5 @@ def _problem(label: Label) -> str | None:
 
 
 def _check_pair(name: str, what: str, pair: Sequence[float], least: float, most: float) -> None:
-    if len(pair) != 2 or not all(least <= each <= most for each in pair):
+    if np.shape(pair) != (2,) or not all(least <= each <= most for each in pair):
         raise ValueError(f"{name} is {pair}; expected {what}, from {least:g} to {most:g}")
