@@ -391,6 +391,24 @@ def test_the_eye_buttons_and_the_layers_agree(viewer: Any, dock: SplinesketchDoc
     assert [b.isChecked() for b in buttons] == [False, True, True]
 
 
+@pytest.mark.window
+def test_curves_that_are_hidden_can_be_worked_on(
+    viewer: Any, dock: SplinesketchDock, fake: FakeEngine
+) -> None:
+    fake.changes = {i: {"status": "check", "reasons": ("it is short",)} for i in (0, 1)}
+    sketched(viewer)
+    refine(dock)
+    marks = viewer.layers["cells marks"]
+    until(lambda: len(marks.data) == 2)
+    viewer.layers["cells curves"].visible = False
+    dock.controller.delete((0, 1))
+    rest(dock)
+    until(lambda: not dock.controller.drawing.runs)
+    assert dock.notice.text() == ""
+    viewer.layers["cells curves"].visible = True
+    assert len(marks.data) == 1
+
+
 @pytest.mark.slow
 @pytest.mark.window(shown=True)
 def test_every_control_has_a_tooltip_and_fits_250_pixels(

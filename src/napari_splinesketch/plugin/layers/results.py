@@ -207,6 +207,7 @@ class Work:
                 continue
             shown = slot.layer is not None and slot.layer.visible
             always = not (roles or slot.maker.title) and (slot.layer or role not in OVER)
+            always = always and role != "marks"  # napari fails over the text of points it hides
             if (shown or always) and self.image in self.viewer.layers:
                 yield from slot.update()
 
@@ -333,7 +334,7 @@ class Work:
         for mark in (self.layer("selected"), self.layer("marks")):
             if event.source is self.layer("curves") and mark is not None:
                 mark.visible = event.source.visible
-        self._update(*ASKED)
+        self._update("marks", *ASKED)
         self.changes.shown.emit()
 
     def _select_all(self) -> None:
