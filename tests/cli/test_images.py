@@ -1,4 +1,5 @@
 import os
+import sys
 from collections.abc import Callable
 from contextlib import suppress
 from fractions import Fraction
@@ -488,3 +489,23 @@ def test_infinite_pixels_are_white_or_black_in_an_overlay() -> None:
     frame = np.random.default_rng(0).random((20, 30))
     frame[3, 4:6] = np.inf, -np.inf
     np.testing.assert_array_equal(grey(frame)[3, 4:6], [255, 0])
+
+
+@pytest.mark.parametrize(
+    ("name", "library", "extra"),
+    [
+        ("film.zarr", "napari_splinesketch.images.zarr_image", "formats"),
+        ("https://example.org/film.zarr", "napari_splinesketch.images.zarr_image", "remote"),
+        ("film.mp4", "av", "formats"),
+    ],
+)
+def test_a_missing_library_is_said_with_the_extra_that_brings_it(
+    name: str, library: str, extra: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("film.zarr").mkdir()
+    Path("film.zarr/zarr.json").touch()
+    Path("film.mp4").touch()
+    monkeypatch.setitem(sys.modules, library, None)
+    with pytest.raises(ImageError, match=rf"pip install 'napari-splinesketch\[{extra}\]'"):
+        open_frames(name).__enter__()

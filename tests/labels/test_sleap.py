@@ -60,5 +60,5 @@ def test_without_sleap_io_it_says_how_to_get_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "sleap_io", None)
-    with pytest.raises(ValueError, match="pip install sleap-io"):
+    with pytest.raises(ValueError, match=r"sleap-io; pip install 'napari-splinesketch\[formats\]'"):
         write_labels(tmp_path / "a.slp", FILM)

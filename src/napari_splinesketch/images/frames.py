@@ -95,7 +95,10 @@ def open_frames(
         try:
             from napari_splinesketch.images.zarr_image import open_zarr
         except ImportError:
-            raise ImageError(f"{pattern}: Zarr needs a library; pip install zarr") from None
+            needed = (
+                f"pip install 'napari-splinesketch[{'remote' if is_url(pattern) else 'formats'}]'"
+            )
+            raise ImageError(f"{pattern}: Zarr needs a library; {needed}") from None
         return open_zarr(pattern, channel, z)
     return _folder(pattern, channel, z)
 
@@ -144,7 +147,8 @@ def _still_or_film(path: Path, moves: bool, channel: int | None, z: int | None) 
     import imageio.v3
 
     if moves and not find_spec("av"):  # imageio's own message does not say how to install it
-        raise ImageError(f"{path}: films need a library; pip install av")
+        needed = "pip install 'napari-splinesketch[formats]'"
+        raise ImageError(f"{path}: films need a library; {needed}")
     plugin: Any = "pyav" if moves else "pillow"
     with ExitStack() as inside:
         try:

@@ -67,7 +67,8 @@ def writer_of(path: str | os.PathLike[str]) -> Format:
         raise ValueError(f"{name}: no format has this ending; expected one of {allowed}")
     found = max(fitting, key=lambda form: len(form.suffix))
     if found.needs and not find_spec(found.needs.replace("-", "_")):
-        raise ValueError(f"{found.name} files need {found.needs}; pip install {found.needs}")
+        needed = "pip install 'napari-splinesketch[formats]'"
+        raise ValueError(f"{found.name} files need {found.needs}; {needed}")
     return found
 
 
