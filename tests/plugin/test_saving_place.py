@@ -156,6 +156,23 @@ def test_work_on_a_film_of_pictures_is_found_however_they_are_opened(
     assert len(sessions(tmp_path)) == 1
 
 
+def test_work_stays_beside_an_image_that_a_script_opened_and_left(
+    qapp: Any, fake: FakeEngine, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path)
+    with bench() as made:
+        made.image()._set_source(Source(path="worms.tif"))
+        layer = made.sketches()
+        made.saver.flush()
+        monkeypatch.chdir("elsewhere")
+        layer.add_paths([[[70, 20], [70, 60]]])
+        made.saver.flush()
+    (saved,) = sessions(tmp_path)
+    assert saved.parents[2] == tmp_path
+    assert '"sketches": 3' in saved.read_text()
+
+
 def test_a_film_opens_where_work_begins(viewer: Any, dock: SplinesketchDock) -> None:
     image = viewer.add_image(np.zeros((9, 40, 50)), name="film")
     assert viewer.dims.current_step[0] == 0, "not in the middle"

@@ -305,7 +305,7 @@ class Saver(QObject):
         works = [work for work in self._controller.works if work.image is image and work.begun]
         if not self._settings.save_work or (home.place and not works):
             return None
-        path = Path(image.source.path) if image.source.path else None
+        path = Path(image.source.path).absolute() if image.source.path else None
         pixels = image.data[-1] if image.multiscale else image.data  # pyright: ignore
         about = image.name, path, pixels, image.ndim - 2, self._settings.work_folder
         orders = [(work.folder, _session(work)) for work in works]

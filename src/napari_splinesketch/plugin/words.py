@@ -194,7 +194,7 @@ def saved(place: Path | None, image: str | None, wanted: bool) -> str:
     """Say where work is saved: in a folder beside the image's file, or in one that holds others."""
     if place is None:
         return "" if wanted else "Work is not saved"
-    if image and place.parent == Path(image).parent:
+    if image and place.parent == Path(image).absolute().parent:
         return f"Saved in {place.name}"
     return f"Saved in {str(place.parent).replace(str(Path.home()), '~', 1)}"
 
