@@ -95,9 +95,8 @@ def open_frames(
         try:
             from napari_splinesketch.images.zarr_image import open_zarr
         except ImportError:
-            needed = (
-                f"pip install 'napari-splinesketch[{'remote' if is_url(pattern) else 'formats'}]'"
-            )
+            extra = "remote" if is_url(pattern) else "formats"
+            needed = f"pip install 'napari-splinesketch[{extra}]'"
             raise ImageError(f"{pattern}: Zarr needs a library; {needed}") from None
         return open_zarr(pattern, channel, z)
     return _folder(pattern, channel, z)
