@@ -66,14 +66,9 @@ def make_plan(
     by_id = {record.id: record for record in (*gone, *here)}
     deleted = {record.id for record in gone} - {record.id for record in here}
     ids, same = _matched(lines, here, gone, state)
-    again, lined, selection = _drawn_again(lines, ids, here), set(ids), set(selection)
-    for i, number in [*again.items()]:
-        j = ids.index(number) if number in ids else -1
-        if j > i and not same[j]:  # of a line that was moved and a new one, the new one counts
-            ids[i], ids[j] = number, ids[i]
-            again[j] = again.pop(i)
-    replaced = set(again.values())
-    left = {n: lines[i] for i, n in enumerate(ids) if n in replaced and i not in again}
+    ids, again = _drawn_again(lines, ids, same, here)
+    lined, selection, replaced = set(ids), set(selection), set(again.values())
+    line_of = {n: lines[i] for i, n in enumerate(ids) if n in replaced and i not in again}
     found = [(i, again.get(i, n)) for i, n in enumerate(ids) if i in again or n not in replaced]
     alone = [] if chosen else [(-1, record.id) for record in here if record.id not in lined]
     targets, decided = dict[int, Target](), 0  # of lines that are the same, one
@@ -94,13 +89,13 @@ def make_plan(
                 # As its curve runs, which the user may have turned, or its body in other frames.
                 start = turned(start, known.curve.points)
             over = known if i in again or (known and known.from_file and not kept) else None
-            if over and number in left:  # that line may have been moved since
-                over = replace(over, sketch=left[number], drawn=True)
+            if over and number in line_of:  # that line may have been moved since
+                over = replace(over, sketch=line_of[number], drawn=True)
             targets[number] = Target(number, lines[i], start, known is None, again=over)
     orphans = tuple([r.id for r in here if r.drawn and r.id not in lined])
     fixed = tuple([r.curve for r in here if r.usable and r.id not in targets])
-    left_out = len((lined & deleted).difference(targets))
-    return Plan(scope, tuple(targets.values()), fixed, decided, orphans, left_out, frame, drawn)
+    left_alone = len((lined & deleted).difference(targets))
+    return Plan(scope, tuple(targets.values()), fixed, decided, orphans, left_alone, frame, drawn)
 
 
 def _wanted(scope: Scope, known: Record | None, same: bool, gone: bool) -> bool:
@@ -140,14 +135,22 @@ def _matched(
 
 
 def _drawn_again(
-    lines: Sequence[Line], ids: Sequence[int], here: Sequence[Record]
-) -> dict[int, int]:
-    """Find new lines that lie within a body that has a curve; the numbers of these curves."""
-    known = {record.id for record in here}
+    lines: Sequence[Line], ids: Sequence[int], same: Sequence[bool], here: Sequence[Record]
+) -> tuple[list[int], dict[int, int]]:
+    """Find new lines that lie within a body that has a curve; the numbers of these curves.
+
+    Of a line that was moved and a new one over its body, the later is the new one. Numbers of all
+    lines come first.
+    """
+    ids, known = list(ids), {record.id for record in here}
     fresh = [i for i, number in enumerate(ids) if number not in known]
     found: dict[int, int] = {}
     for i, over in zip(fresh, model.lying_over([lines[i] for i in fresh], here), strict=True):
         apart = {far: number for number, far in over.items() if number not in found.values()}
         if apart:
-            found[i] = apart[min(apart)]
-    return found
+            found[i] = number = apart[min(apart)]
+            moved = ids.index(number) if number in ids else 0
+            if moved > i and not same[moved]:
+                ids[i], ids[moved] = number, ids[i]
+                found[moved] = found.pop(i)
+    return ids, found
