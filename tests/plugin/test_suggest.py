@@ -304,7 +304,8 @@ def test_the_slider_changes_nothing_in_a_frame_that_is_not_in_view(
     QTest.keyClick(slider, Qt.Key.Key_End)
     QTest.qWait(300)
     assert layer.nshapes == usual
-    assert dock.controller.suggestions.sensitivity == 1, "for the next time"
+    assert dock.controller.suggestions.sensitivity == 1
+    assert dock.controller.notice.text == words.NEXT_TIME
     viewer.dims.set_point(0, 0)
     QTest.keyClick(slider, Qt.Key.Key_Home)
     QTest.keyClick(slider, Qt.Key.Key_End)

@@ -79,6 +79,8 @@ class Suggestions:
             self._soon()
         elif self._last and self._last[:2] == (c.work, c.frame):
             self._put(c.tell)
+        else:
+            c.tell(words.NEXT_TIME)
 
     def _put(self, tell: Callable[[str], None], *, first: bool = False) -> None:
         """Draw the lines that are chosen now, choices in a row as one step, and tell of them."""

@@ -34,6 +34,7 @@ NUMBERS_SHOWN = 6  # most bodies or frames that are named
 ENDS = {LEFT: "Left the image", DIVIDED: "Divided"}  # how a reason begins
 BEGIN = "Press Draw lines, then draw a line over each body."
 NO_CURVE = "No curve is selected: click one"
+NEXT_TIME = "Suggest lines will use this sensitivity."
 NO_LINE = "None of the selected shapes is a line in this frame."
 
 
