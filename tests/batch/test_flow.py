@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from napari_splinesketch.batch.flow import AHEAD, DeadlyError, through
-from napari_splinesketch.batch.local import Local, limit_threads
+from napari_splinesketch.batch.flow import DeadlyError, through
+from napari_splinesketch.batch.local import AHEAD, Local, limit_threads
 
 
 @pytest.fixture
@@ -24,13 +24,11 @@ def tasks(monkeypatch: pytest.MonkeyPatch):
     return batch_tasks
 
 
-class Lazy:
+class Lazy(Local):
     """Workers that do nothing until they are told to: one task of those under way at a time."""
 
-    room = 3
-    deaths = ()
-
     def __init__(self) -> None:
+        self.room = 3
         self.under_way: list[tuple[Future[int], int]] = []
         self.most = 0
 

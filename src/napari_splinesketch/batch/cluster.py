@@ -7,7 +7,7 @@ from concurrent.futures import Future
 from contextlib import ExitStack
 from typing import Any, Self
 
-from napari_splinesketch.batch.flow import AHEAD
+from napari_splinesketch.batch.local import AHEAD
 
 PATIENCE = 20.0
 """How long a scheduler may take to answer, and the first worker to appear, s."""

@@ -2,33 +2,17 @@
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
-AHEAD = 2
-"""Tasks in progress for each process: one running, one waiting."""
+from napari_splinesketch.batch.cluster import Cluster
+from napari_splinesketch.batch.local import Local
+
 ALONE = 2
 """A task during which so many workers died is tried once more, with no other beside it."""
 
 Task = TypeVar("Task")
 Done = TypeVar("Done")
-
-
-class Workers(Protocol):
-    """What does the work: other processes, or other machines."""
-
-    @property
-    def room(self) -> int:
-        """How many tasks may be in progress at a time."""
-        ...
-
-    @property
-    def deaths(self) -> tuple[type[BaseException], ...]:
-        """What a future raises where its worker died, rather than the work itself."""
-        ...
-
-    def submit(self, work: Callable[[Any], Any], task: Any) -> Future[Any]:
-        """Start a task; workers that died before are replaced."""
-        ...
+Workers = Local | Cluster
 
 
 class DeadlyError(RuntimeError):

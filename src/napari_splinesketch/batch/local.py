@@ -10,8 +10,8 @@ from concurrent.futures.process import BrokenProcessPool
 from multiprocessing.connection import Connection
 from typing import Any, Self
 
-from napari_splinesketch.batch.flow import AHEAD
-
+AHEAD = 2
+"""Tasks in progress for each process: one running, one waiting."""
 ONE_EACH = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 XLA, XLA_FLAG = "XLA_FLAGS", "--xla_cpu_multi_thread_eigen"
 
@@ -20,6 +20,7 @@ class Local:
     """Works in `jobs` other processes on this machine; replaces them when one dies."""
 
     deaths = (BrokenProcessPool,)
+    """What a future raises where its worker died, rather than the work itself."""
 
     def __init__(self, jobs: int) -> None:
         self._jobs = jobs
