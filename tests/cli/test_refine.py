@@ -499,7 +499,10 @@ def test_a_damaged_note_of_an_interrupted_run_is_said(
 
 REFUSED = {
     "input": (["--overlay", "film.tif"], "film.tif is read by this command"),
-    "no library": (["-o", "labels.slp"], "SLEAP files need sleap-io; pip install"),
+    "no library": (
+        ["-o", "labels.slp"],
+        "SLEAP files need sleap-io; pip install 'napari-splinesketch[formats]'",
+    ),
     "no folder": (["--masks", "none/m.tif"], "no such folder"),
     "not a TIFF": (["--masks", "m.png"], "m.png: expected a name that ends with .tif or .tiff"),
     "not a picture": (["--overlay", "o.csv"], "ends with .png"),
