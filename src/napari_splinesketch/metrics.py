@@ -14,12 +14,11 @@ from scipy.spatial import KDTree
 from skimage.graph import MCP
 
 from napari_splinesketch.engine.checks import checked_line, checked_lines
+from napari_splinesketch.engine.constants import FARTHEST_PX
 from napari_splinesketch.engine.spline import neighbours
 from napari_splinesketch.engine.types import POINTS
 
 _OVERSAMPLING = 8
-_FAR = 1e9
-"""A tolerance beyond any image, px."""
 
 
 def resample(curve: Real[np.ndarray, "N 2"], n: int = POINTS) -> Float[np.ndarray, "n 2"]:
@@ -141,8 +140,10 @@ def match(
     tolerance
         Largest average DTW of a pair, px.
     """
-    if not isinstance(tolerance, RealNumber) or not 0 <= tolerance < _FAR:
-        raise ValueError(f"tolerance is {tolerance!r}; give a distance from 0 to {_FAR:g} px.")
+    if not isinstance(tolerance, RealNumber) or not 0 <= tolerance < FARTHEST_PX:
+        raise ValueError(
+            f"tolerance is {tolerance!r}; give a distance from 0 to {FARTHEST_PX:g} px."
+        )
     # Average DTW is at least the distance between some two points, so that bounding boxes settle
     # most pairs.
     curves = checked_lines(curves, "curves", "curve", finite=True)
