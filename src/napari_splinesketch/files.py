@@ -13,6 +13,7 @@ from pathlib import Path
 from uuid import uuid4
 
 EXISTS = "exists already; choose another name, or overwrite it (overwrite=True, --overwrite)"
+INSTALL = "pip install 'napari-splinesketch[{}]'"  # with what an extra brings
 FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
 LOCKLESS = {errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOLCK}
 """What locking says on a disk that cannot lock files, as some of clusters cannot."""

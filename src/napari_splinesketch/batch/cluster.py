@@ -8,6 +8,7 @@ from contextlib import ExitStack
 from typing import Any, Self
 
 from napari_splinesketch.batch.local import AHEAD
+from napari_splinesketch.files import INSTALL
 
 PATIENCE = 20.0
 """How long a scheduler may take to answer, and the first worker to appear, s."""
@@ -31,9 +32,8 @@ class Cluster:
             from distributed import Client, KilledWorker
             from distributed.comm.addressing import resolve_address
         except ImportError:
-            raise ValueError(
-                "--scheduler needs a library; pip install 'napari-splinesketch[cluster]'"
-            ) from None
+            needed = INSTALL.format("cluster")
+            raise ValueError(f"--scheduler needs a library; {needed}") from None
         self.deaths = (KilledWorker,)
         # Dask's messages at the end of a connection are replaced by one sentence of ours.
         logging.getLogger("distributed").setLevel(logging.CRITICAL)

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Real
 
-from napari_splinesketch.files import is_inside, same_file
+from napari_splinesketch.files import INSTALL, is_inside, same_file
 
 LUMINANCE = np.array([0.2125, 0.7154, 0.0721], dtype=np.float32)
 TIFFS = (".tif", ".tiff", ".lsm", ".stk")
@@ -95,8 +95,7 @@ def open_frames(
         try:
             from napari_splinesketch.images.zarr_image import open_zarr
         except ImportError:
-            extra = "remote" if is_url(pattern) else "formats"
-            needed = f"pip install 'napari-splinesketch[{extra}]'"
+            needed = INSTALL.format("remote" if is_url(pattern) else "formats")
             raise ImageError(f"{pattern}: Zarr needs a library; {needed}") from None
         return open_zarr(pattern, channel, z)
     return _folder(pattern, channel, z)
@@ -146,8 +145,7 @@ def _still_or_film(path: Path, moves: bool, channel: int | None, z: int | None) 
     import imageio.v3
 
     if moves and not find_spec("av"):  # imageio's own message does not say how to install it
-        needed = "pip install 'napari-splinesketch[formats]'"
-        raise ImageError(f"{path}: films need a library; {needed}")
+        raise ImageError(f"{path}: films need a library; {INSTALL.format('formats')}")
     plugin: Any = "pyav" if moves else "pillow"
     with ExitStack() as inside:
         try:

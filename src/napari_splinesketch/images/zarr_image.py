@@ -14,6 +14,7 @@ from zarr.abc.store import ByteRequest
 from zarr.core.buffer import Buffer, BufferPrototype
 from zarr.storage import FsspecStore
 
+from napari_splinesketch.files import INSTALL
 from napari_splinesketch.images.frames import Frames, ImageError, choose_planes, is_url
 
 SHORT = {"micrometer": "µm", "nanometer": "nm", "millimeter": "mm", "meter": "m"}
@@ -76,10 +77,8 @@ def open_zarr(address: str, channel: int | None, z: int | None) -> Iterator[Fram
         shape, leading = tuple(node.shape), len(node.shape) - 2
         axes = axes if len(axes) == len(shape) else "T" * leading + "YX"
     except ImportError as error:  # fsspec says which one
-        raise ImageError(
-            f"{address}: needs a library ({error}); for https and s3, "
-            "pip install 'napari-splinesketch[remote]'"
-        ) from None
+        needed = f"for https and s3, {INSTALL.format('remote')}"
+        raise ImageError(f"{address}: needs a library ({error}); {needed}") from None
     except Exception as error:  # zarr raises anything on a broken store, and where none answers
         remedy = "; check the address, and whether its server answers" if is_url(address) else ""
         raise ImageError(f"{address}: cannot be read as OME-Zarr ({error}){remedy}") from error

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from napari_splinesketch.engine.types import Curve, Refinement, Sketches
-from napari_splinesketch.files import atomic
+from napari_splinesketch.files import INSTALL, atomic
 from napari_splinesketch.labels import (
     coco,
     geojson,
@@ -67,8 +67,7 @@ def writer_of(path: str | os.PathLike[str]) -> Format:
         raise ValueError(f"{name}: no format has this ending; expected one of {allowed}")
     found = max(fitting, key=lambda form: len(form.suffix))
     if found.needs and not find_spec(found.needs.replace("-", "_")):
-        needed = "pip install 'napari-splinesketch[formats]'"
-        raise ValueError(f"{found.name} files need {found.needs}; {needed}")
+        raise ValueError(f"{found.name} files need {found.needs}; {INSTALL.format('formats')}")
     return found
 
 

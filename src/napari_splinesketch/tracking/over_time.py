@@ -41,8 +41,8 @@ def kymograph(curves: Mapping[int, Curve], points: int = 100) -> Kymograph:
     points
         Along the body, at least 2.
     """
-    given = [*curves.values()] if isinstance(curves, Mapping) else None
-    if not given or not all(isinstance(curve, Curve) for curve in given):
+    known = isinstance(curves, Mapping) and all(isinstance(c, Curve) for c in curves.values())
+    if not (known and curves):
         raise ValueError(f"curves is {short(curves)}; give the curves of one body, by frame")
     if not isinstance(points, Integral) or points < 2:
         raise ValueError(f"points is {points!r}; give a whole number of points, from 2")

@@ -206,8 +206,9 @@ class Work:
             if slot.unfit:
                 continue
             shown = slot.layer is not None and slot.layer.visible
-            always = not (roles or slot.maker.title) and (slot.layer or role not in OVER)
-            always = always and role != "marks"  # napari fails over the text of points it hides
+            # Marks that are hidden wait: napari fails over the text of points that it hides.
+            waits = roles or slot.maker.title or role == "marks"
+            always = not waits and (slot.layer or role not in OVER)
             if (shown or always) and self.image in self.viewer.layers:
                 yield from slot.update()
 
