@@ -42,6 +42,8 @@ def test_it_says_what_it_takes_back() -> None:
         "write b",
         "write c",
     )
+    made.apply("write d", "d")
+    assert (made.undone, made.undo(), made.value) == ("", "write d", "b")
 
 
 def test_the_oldest_steps_are_forgotten() -> None:
@@ -55,7 +57,7 @@ def test_the_oldest_steps_are_forgotten() -> None:
 
 
 def test_heavy_steps_are_forgotten_earlier() -> None:
-    made: History[int] = History(0, lambda new, old: history.WEIGHT // 3)
+    made: History[int] = History(0, lambda old, new: history.WEIGHT // 3)
     for number in range(1, 10):
         made.apply("count", number)
     while made.undo():
@@ -96,3 +98,15 @@ def test_pictures_that_are_shared_weigh_nothing() -> None:
     old, new = State(patches={0: first}), State(patches={0: first, 1: second})
     assert bytes_beside(old, new) == 0
     assert bytes_beside(new, old) == 400
+
+
+def test_curves_that_are_shared_weigh_nothing() -> None:
+    old = State((record(1), record(2)))
+    assert bytes_beside(old, old.marked([(0, 1)], review="accepted").without([(0, 2)])) == 0
+    assert bytes_beside(old, old.with_records(record(1))) == history.CURVE
+
+
+def test_curves_hold_about_what_they_are_weighed_with() -> None:
+    curve = record(1).curve
+    held = sum(a.nbytes for a in (curve.knots, curve.points, curve.half_width, curve.sd))
+    assert 0.5 * history.CURVE < held < history.CURVE

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Collection, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import accumulate, count, pairwise
+from itertools import accumulate, count
 from operator import attrgetter
 from typing import Any, Concatenate, Generic, ParamSpec, TypeVar
 from weakref import WeakKeyDictionary
@@ -34,6 +34,7 @@ LEAST = 1.5  # half-width that counts at least, px: a hand is no steadier
 SAME_BODY = 0.25  # lengths of the shorter of two lines over one body, at most, between them
 STEPS = 200  # that are remembered, at most
 WEIGHT = 2**29  # what the values that are remembered may hold, bytes
+CURVE = 2**12  # what a curve holds of that, about
 
 
 class Changes(SignalGroup):
@@ -297,17 +298,22 @@ class State:
 
 
 def bytes_beside(state: State, other: State) -> int:
-    """Bytes of the pictures that one state holds and another does not."""
+    """Bytes of the curves and pictures that one state holds and another does not."""
     own = set(state.patches.values()).difference(other.patches.values())
-    return sum(patch.nbytes for patch in own)
+    curves = {record.curve for record in (*state.records, *state.deleted)}
+    curves.difference_update(record.curve for record in (*other.records, *other.deleted))
+    return sum(patch.nbytes for patch in own) + CURVE * len(curves)
 
 
 class History(Generic[T]):
-    """A value, the ones before it, and those taken back; `weigh` gives what each adds, bytes."""
+    """A value, the ones before it, and those taken back.
 
-    def __init__(self, value: T, weigh: Callable[[T, T], int] = lambda new, old: 0):
+    `weigh` gives what a value holds beside the next one, bytes.
+    """
+
+    def __init__(self, value: T, weigh: Callable[[T, T], int] = lambda old, new: 0):
         self._weigh = weigh
-        self._steps = [("", value)]
+        self._steps = [("", value, 0)]  # with what the value before it holds beside it, bytes
         self._at = 0
 
     @property
@@ -332,13 +338,15 @@ class History(Generic[T]):
 
     def amend(self, value: T, what: str = "") -> None:
         """Put a value in the place of the present one, as part of the last step."""
-        self._steps[self._at :] = [(what or self.done, value)]
+        what = what or self.done
+        del self._steps[self._at :]
+        beside = self._weigh(self._steps[-1][1], value) if self._steps else 0
+        self._steps.append((what, value, beside))
         # The oldest go where there are too many, or too heavy ones.
-        values = [value for _, value in self._steps[::-1]]
-        weights = accumulate(self._weigh(old, new) for new, old in pairwise(values))
-        kept = min(sum(weight <= WEIGHT for weight in weights), STEPS)
-        self._steps = [("", values[kept]), *self._steps[len(values) - kept :]]
-        self._at = kept
+        weights = accumulate(weight for *_, weight in self._steps[:0:-1])
+        self._at = min(sum(weight <= WEIGHT for weight in weights), STEPS)
+        self._steps = self._steps[-1 - self._at :]
+        self._steps[0] = ("", self._steps[0][1], 0)
 
     def undo(self) -> str:
         """Go back by one value; give what was taken back, or nothing."""
