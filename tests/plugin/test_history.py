@@ -65,6 +65,13 @@ def test_heavy_steps_are_forgotten_earlier() -> None:
     assert made.value == 6
 
 
+def test_a_step_that_is_too_heavy_can_be_taken_back() -> None:
+    made: History[int] = History(0, lambda old, new: 2 * history.WEIGHT)
+    made.apply("one", 1)
+    made.apply("two", 2)
+    assert (made.undo(), made.value, made.undo()) == ("two", 1, "")
+
+
 def record(number: int, frame: int = 0) -> Record:
     return Record(number, frame, A, as_drawn(A))
 

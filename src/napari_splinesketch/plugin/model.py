@@ -342,9 +342,10 @@ class History(Generic[T]):
         del self._steps[self._at :]
         beside = self._weigh(self._steps[-1][1], value) if self._steps else 0
         self._steps.append((what, value, beside))
-        # The oldest go where there are too many, or too heavy ones.
+        # The oldest go where there are too many, or too heavy ones, but not the last.
         weights = accumulate(weight for *_, weight in self._steps[:0:-1])
-        self._at = min(sum(weight <= WEIGHT for weight in weights), STEPS)
+        light = sum(weight <= WEIGHT for weight in weights)
+        self._at = min(max(light, 1), STEPS, len(self._steps) - 1)
         self._steps = self._steps[-1 - self._at :]
         self._steps[0] = ("", self._steps[0][1], 0)
 
