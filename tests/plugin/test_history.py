@@ -116,4 +116,4 @@ def test_curves_that_are_shared_weigh_nothing() -> None:
 def test_curves_hold_about_what_they_are_weighed_with() -> None:
     curve = record(1).curve
     held = sum(a.nbytes for a in (curve.knots, curve.points, curve.half_width, curve.sd))
-    assert 0.5 * history.CURVE < held < history.CURVE
+    assert history.CURVE / 4 < held < history.CURVE

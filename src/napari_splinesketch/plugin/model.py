@@ -34,7 +34,7 @@ LEAST = 1.5  # half-width that counts at least, px: a hand is no steadier
 SAME_BODY = 0.25  # lengths of the shorter of two lines over one body, at most, between them
 STEPS = 200  # that are remembered, at most
 WEIGHT = 2**29  # what the values that are remembered may hold, bytes
-CURVE = 2**12  # what a curve holds of that, about
+CURVE = 2**13  # what a curve holds of that, about, with what was worked out for it
 
 
 class Changes(SignalGroup):
