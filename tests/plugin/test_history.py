@@ -1,12 +1,13 @@
 """Steps are taken back and done again."""
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from napari_splinesketch.grids import Grid, Patch
 from napari_splinesketch.plugin import model as history
-from napari_splinesketch.plugin.model import History, Record, State, bytes_beside
+from napari_splinesketch.plugin.model import History, Record, Refined, State, bytes_beside
 
 from .fakes import as_drawn
 
@@ -97,6 +98,22 @@ def test_of_several_that_were_deleted_the_last_comes_back() -> None:
     back = again.restored([(0, 1)])
     assert [(r.locked, r.review) for r in back.records] == [(False, "rejected")]
     assert not back.deleted
+
+
+def test_pictures_of_the_latest_frames_stay(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refined(state: State, frame: int) -> State:
+        patch = Patch(Grid(np.zeros(2), np.ones(2)), np.zeros((10, 10), np.float32))
+        region = np.zeros(2), np.full(2, 9.0)
+        return state.refined(frame, [record(1, frame)], Refined((), patch, (), region))
+
+    state = State()
+    monkeypatch.setattr(history, "PICTURES", 800)
+    for frame in (3, 1, 2, 1, 5):
+        state = refined(state, frame)
+    assert [*state.patches] == [1, 5]
+    assert [r.frame for r in state.records] == [1, 2, 3, 5]
+    monkeypatch.setattr(history, "PICTURES", 10)
+    assert [*refined(state, 0).patches] == [0]
 
 
 def test_pictures_that_are_shared_weigh_nothing() -> None:

@@ -32,6 +32,7 @@ SAMPLES = 16  # points at which two lines are compared
 WITHIN, LIKE, APART = 1.25, 0.6, 2.0
 LEAST = 1.5  # half-width that counts at least, px: a hand is no steadier
 SAME_BODY = 0.25  # lengths of the shorter of two lines over one body, at most, between them
+PICTURES = 2**30  # what pictures may hold, bytes: those of the latest frames stay
 STEPS = 200  # that are remembered, at most
 WEIGHT = 2**29  # what the values that are remembered may hold, bytes
 CURVE = 2**13  # what a curve holds of that, about, with what was worked out for it
@@ -293,7 +294,10 @@ class State:
         if before and any(r.frame == frame and key_of(r) not in keys for r in self.records):
             patch = patched(before, patch, *refined.region)
         left = tuple([record for record in self.deleted if key_of(record) not in keys])
-        patches, notes = {**older, frame: patch}, {**self.notes, frame: refined.notes}
+        latest = [*older.items(), (frame, patch)]
+        held = accumulate(known.nbytes for _, known in latest[::-1])
+        patches = dict(latest[-max(sum(size <= PICTURES for size in held), 1) :])
+        notes = {**self.notes, frame: refined.notes}
         return replace(self.with_records(*fresh), deleted=left, patches=patches, notes=notes)
 
 
