@@ -13,9 +13,10 @@ from napari_splinesketch.plugin.columns import (
     COLUMNS,
     SHOWN,
     alone,
+    as_table,
     as_text,
     colours_of,
-    features,
+    rows_of,
     severity,
     three_digits,
 )
@@ -168,7 +169,7 @@ def test_speed_is_that_between_the_frames_beside_and_follows_them() -> None:
     assert column(model, "Speed (%/frame)") == ["6.00", "6.00", "–"]
     model.show((moved, far), Ruler((2.0, 2.0), "µm"))
     assert column(model, "Speed (%/frame)") == ["–", "–"]
-    assert list(features((one, moved, far))["speed"].round(3))[:2] == [3, 3]
+    assert list(as_table(rows_of((one, moved, far)))["speed"].round(3))[:2] == [3, 3]
 
 
 @pytest.mark.parametrize("beside", [(4, "tzyx"), (1, "ztyx")])
@@ -215,8 +216,18 @@ def test_the_table_as_text() -> None:
 
 def test_layers_table_and_files_read_one_table_of_columns() -> None:
     names = [column.name for column in COLUMNS]
-    assert list(features(MIXED).columns) == names
+    assert list(as_table(rows_of(MIXED)).columns) == names
     header = text((), Ruler()).strip().split(",")
     assert header == ["curve", *names[1:], "units"]
     first_text = next(column for column in SHOWN if column.kind == "text")
     assert first_text.name == "reasons"
+
+
+def test_what_is_said_of_a_curve_stays_while_it_and_those_beside_it_do() -> None:
+    first, second, third = (replace(MIXED[0], id=1, frame=frame) for frame in range(3))
+    rows = rows_of((first, second, third))
+    moved = replace(third, curve=replace(third.curve, points=third.curve.points + 5))
+    again = rows_of((first, second, moved), last=rows)
+    kept = [new is old for new, old in zip(again.values(), rows.values(), strict=True)]
+    assert kept == [True, False, False], "the speed of the second is another"
+    assert again == rows_of((first, second, moved))

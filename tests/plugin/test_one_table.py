@@ -26,7 +26,7 @@ from napari.components import ViewerModel
 from qtpy.QtWidgets import QApplication
 app = QApplication([])
 from napari_splinesketch.plugin import engine
-from napari_splinesketch.plugin.columns import as_text, features
+from napari_splinesketch.plugin.columns import as_table, as_text, rows_of
 from napari_splinesketch.plugin.dock import SplinesketchDock
 from napari_splinesketch.plugin.layers.space import Ruler
 from napari_splinesketch.plugin.model import Record, State
@@ -51,7 +51,7 @@ titles = [model.headerData(i, Qt.Orientation.Horizontal) for i in range(model.co
 assert "Knots" in titles, titles
 assert model.index(0, titles.index("Knots")).data() == "10"
 record = controller.records()[0]
-assert list(features([record])["knots"]) == [10]
+assert list(as_table(rows_of([record]))["knots"]) == [10]
 assert "knots" in as_text([record], Ruler()).splitlines()[0]
 assert dock.colour_by.native.findText("Colour by number of knots") > 0
 assert legend([record], ("knots", Ruler())).startswith("10.0 ")

@@ -1,8 +1,9 @@
 """What is said of each curve: one table, which layers, the review table, CSV and colours read."""
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any, Literal
 
 import numpy as np
@@ -23,6 +24,8 @@ PIXELS, FILM = ruler_of(None), times_of(None)  # where no image says more
 
 Beside = Callable[[Record], Sequence[Curve | None]]  # its body's, at the times before and after
 Value = Callable[[Record, Ruler, Beside], Any]  # in the ruler's unit
+Rows = Mapping[tuple[Any, ...], tuple[Any, ...]]  # by a record and the curves beside it
+NO_ROWS: Rows = MappingProxyType({})
 
 
 @dataclass(frozen=True)
@@ -134,20 +137,34 @@ def beside_of(records: Iterable[Record], times: Times = FILM) -> Beside:
 alone = beside_of(())  # knows of no curve in another frame
 
 
-def features(
-    records: Sequence[Record], ruler: Ruler = PIXELS, beside: Beside | None = None
-) -> pd.DataFrame:
-    """What is said of each curve, maybe with those of its body at other times."""
-    known = beside or beside_of(records)
-    rows = [[column.value(record, ruler, known) for column in COLUMNS] for record in records]
-    return pd.DataFrame(rows, columns=[column.name for column in COLUMNS])
+def rows_of(
+    records: Sequence[Record],
+    ruler: Ruler = PIXELS,
+    beside: Beside | None = None,
+    last: Rows = NO_ROWS,
+) -> Rows:
+    """What is said of each curve, maybe with those of its body at other times.
+
+    It is not worked out again where it is among the `last` ones: in a long film nearly all are.
+    """
+    found, rows = beside or beside_of(records), dict[tuple[Any, ...], tuple[Any, ...]]()
+    for record in records:
+        alike = record, *found(record)
+        said = last.get(alike) or tuple(column.value(record, ruler, found) for column in COLUMNS)
+        rows[alike] = said
+    return rows
+
+
+def as_table(rows: Rows) -> pd.DataFrame:
+    """Put what is said of curves into a table, as layers keep it."""
+    return pd.DataFrame(list(rows.values()), columns=[column.name for column in COLUMNS])
 
 
 def as_text(
     records: Sequence[Record], ruler: Ruler, beside: Beside = alone, *, separator: str = ","
 ) -> str:
     """Write records as a table with a header, numbers in full."""
-    said = features(records, ruler, beside).rename(columns={"id": "curve"})
+    said = as_table(rows_of(records, ruler, beside)).rename(columns={"id": "curve"})
     return said.assign(units=ruler.unit).to_csv(None, sep=separator, index=False, na_rep="nan")
 
 

@@ -34,6 +34,7 @@ class CurveLines(Slot):
     """A line for each curve: those of curves that are gone go, and new ones come."""
 
     _shown: Sequence[model.Record] = ()  # in the order of the layer, unless that was made since
+    _rows: columns.Rows = columns.NO_ROWS  # of its features
     _untold = False  # its features are not those of what is shown: others took the place of steps
 
     def update(self) -> Iterator[None]:
@@ -63,14 +64,15 @@ class CurveLines(Slot):
         for done in drawn.add_shapes(layer, shapes, ["path"] * len(fresh), **how):
             self._shown = [*self._shown, *fresh[done]]
             # A few are worked out at a time: below, and for outlines, all are asked for.
-            columns.features(fresh[done])
+            columns.rows_of(fresh[done])
             for curve in filter(looks.has_outline, curves[done]):
                 looks.outline(curve)
             yield
         known = [wanted[record.curve] for record in self._shown]
         if self._untold or known != self._shown or layer.features.empty:
             beside = columns.beside_of(known, space.times_of(image))
-            layer.features = columns.features(known, beside=beside)
+            self._rows = columns.rows_of(known, beside=beside, last=self._rows)
+            layer.features = columns.as_table(self._rows)
             self._shown, self._untold = known, False
         colours = columns.colours_of(known, look)
         if not np.allclose(layer.edge_color, colours):
