@@ -9,8 +9,8 @@ import numpy as np
 import tifffile
 
 from napari_splinesketch.images.frames import Frames, ImageError, choose_planes
+from napari_splinesketch.labels.types import unit_of
 
-MICROMETRE = {"um", "micron", "microns", "micrometer", "\\u00b5m", "μm", "µm"}
 COLOURS = {tifffile.PHOTOMETRIC.RGB, tifffile.PHOTOMETRIC.YCBCR}
 ALPHAS = {tifffile.EXTRASAMPLE.ASSOCALPHA, tifffile.EXTRASAMPLE.UNASSALPHA}
 Scale = tuple[tuple[float, float], str] | tuple[None, None]
@@ -102,7 +102,7 @@ def _scale(file: tifffile.TiffFile) -> Scale:
         unit = str(file.imagej_metadata.get("unit", ""))
         x, y = file.series[0].keyframe.resolution
         if unit and unit != "pixel" and x > 0 and y > 0:
-            return (1 / y, 1 / x), _unit(unit)
+            return (1 / y, 1 / x), unit_of(unit)
     return None, None
 
 
@@ -111,11 +111,7 @@ def _ome_scale(xml: str) -> Scale:
     image = tifffile.xml2dict(xml)["OME"]["Image"]
     pixels = (image[0] if isinstance(image, list) else image)["Pixels"]
     sizes = [pixels.get(f"PhysicalSize{axis}") for axis in "YX"]
-    units = {_unit(str(pixels.get(f"PhysicalSize{axis}Unit", "µm"))) for axis in "YX"}
+    units = {unit_of(str(pixels.get(f"PhysicalSize{axis}Unit", "µm"))) for axis in "YX"}
     if len(units) > 1 or not all(isinstance(size, (int, float)) and size > 0 for size in sizes):
         return None, None
     return (float(sizes[0]), float(sizes[1])), units.pop()
-
-
-def _unit(name: str) -> str:
-    return "µm" if name.lower() in MICROMETRE else name

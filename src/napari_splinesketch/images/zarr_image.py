@@ -16,8 +16,9 @@ from zarr.storage import FsspecStore
 
 from napari_splinesketch.files import INSTALL
 from napari_splinesketch.images.frames import Frames, ImageError, choose_planes, is_url
+from napari_splinesketch.labels.types import unit_of
 
-SHORT = {"micrometer": "µm", "nanometer": "nm", "millimeter": "mm", "meter": "m"}
+SHORT = {"nanometer": "nm", "millimeter": "mm", "meter": "m"}
 COLUMNS = 5
 """Least columns of frames: a last axis of fewer is one of colours."""
 PAUSES = (1.0, 5.0)
@@ -141,4 +142,4 @@ def _scale(
     if not scales or not unit or unit != axes[-2].get("unit"):
         return None, None
     y, x = np.prod(scales, axis=0).tolist()
-    return (y, x), SHORT.get(unit, unit)
+    return (y, x), SHORT.get(unit, unit_of(unit))

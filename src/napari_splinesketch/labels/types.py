@@ -22,12 +22,13 @@ MAX_COORDINATE = 1e9
 MAX_INTEGER = 2**63 - 1
 MAX_SCALE = 1e30
 MICROMETRE = {"um", "μm", *(f"micro{n}{s}" for n in ("n", "meter", "metre") for s in ("", "s"))}
+MICROMETRE |= {"\\u00b5m"}  # as ImageJ may write it
 NO_PIXEL_SIZE = "the file has no pixel size: 1 {} is taken as 1 pixel"
 
 
 def unit_of(name: str) -> str:
     """Give the one name of a unit, of which micrometres have many (one of them with a Greek μ)."""
-    return "µm" if name in MICROMETRE else name
+    return "µm" if name.lower() in MICROMETRE else name
 
 
 @dataclass(frozen=True, eq=False)
