@@ -3,7 +3,9 @@
 From the palette of Okabe and Ito, which everybody can tell apart.
 """
 
-STATUS = {"good": "#009e73", "check": "#e69f00", "failed": "#d55e00"}
+from napari_splinesketch.engine.types import Status
+
+STATUS: dict[Status, str] = {"good": "#009e73", "check": "#e69f00", "failed": "#d55e00"}
 """Bluish green, orange, vermilion: what a refinement says of a curve."""
 SKETCH = "#0072b2"
 """Blue: what the user drew."""

@@ -12,8 +12,9 @@ from jaxtyping import Float
 from napari.utils.colormaps import Colormap
 from napari.utils.colormaps.standardize_color import transform_color
 
+from napari_splinesketch import palette
 from napari_splinesketch.engine.types import Curve, Status
-from napari_splinesketch.plugin.layers.looks import COLOURS, MARKS, severity
+from napari_splinesketch.plugin.layers.looks import MARKS, severity
 from napari_splinesketch.plugin.layers.space import Ruler, Times, ruler_of, times_of
 from napari_splinesketch.plugin.model import Record, key_of, once
 from napari_splinesketch.tracking.over_time import mean_curvature, mean_speed
@@ -115,7 +116,7 @@ Look = tuple[str, Ruler]  # what it says, and in which unit
 # Viridis without its darkest end, which is lost on a dark image.
 RAMP = ("#414487", "#2a788e", "#22a884", "#7ad151", "#fde725")
 _ramp = Colormap(list(RAMP))
-_status = {status: transform_color(colour)[0] for status, colour in COLOURS.items()}
+_status = {status: transform_color(colour)[0] for status, colour in palette.STATUS.items()}
 SAME = 1e-6  # values that differ less, relative, have one colour: that is how they were worked out
 GREY = transform_color("#999999")  # of a curve whose number is not known
 SHOWN = tuple(column for column in COLUMNS if column.title)

@@ -32,8 +32,8 @@ from napari_splinesketch.labels import Label, Labels, LabelsError, shapes_csv, t
 from napari_splinesketch.labels.formats import WRITERS, claiming, read_labels, write_labels
 from napari_splinesketch.labels.types import in_frames
 from napari_splinesketch.plugin import choices, words
-from napari_splinesketch.plugin.layers import looks, pictures, space
-from napari_splinesketch.plugin.layers.drawn import COLOUR, LINES, SUFFIX, line_style
+from napari_splinesketch.plugin.layers import pictures, space
+from napari_splinesketch.plugin.layers.drawn import LINES, SUFFIX, line_style
 from napari_splinesketch.plugin.layers.space import in_stack, pixel_size, placement, size_of
 from napari_splinesketch.plugin.model import Record, prints_of
 from napari_splinesketch.synthetic import rotate, scene
@@ -179,7 +179,7 @@ def labels_of_layer(shapes: Sequence[Float[np.ndarray, "N D"]], meta: Mapping[st
 
 def layer_of_labels(labels: Labels, name: str) -> LayerData:
     """Make the data of a Shapes layer that shows labels."""
-    every, colours = labels.labels, looks.COLOURS | {"sketch": COLOUR}
+    every = labels.labels
     film = any(label.frame for label in every)
     # At (frame, row, col), or at (row, col) where there is one frame.
     shapes = [np.insert(a.points, 0, a.frame, axis=1) if film else a.points for a in every]
@@ -187,7 +187,7 @@ def layer_of_labels(labels: Labels, name: str) -> LayerData:
         "name": name,
         "ndim": 2 + film,
         "shape_type": "path",
-        "edge_color": [colours[label.status] for label in every] or COLOUR,
+        "edge_color": [palette.LABEL[label.status] for label in every] or palette.SKETCH,
         "edge_width": 1,
         "face_color": "transparent",
         "features": {

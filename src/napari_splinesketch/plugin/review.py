@@ -13,6 +13,7 @@ from qtpy import QtWidgets as qt
 from qtpy.QtCore import QModelIndex, QSignalBlocker, Qt
 from qtpy.QtGui import QColor, QKeyEvent
 
+from napari_splinesketch import palette
 from napari_splinesketch.files import atomic
 from napari_splinesketch.plugin import choices, words
 from napari_splinesketch.plugin import widgets as ui
@@ -20,7 +21,7 @@ from napari_splinesketch.plugin.columns import FILM, STATUS, Beside, alone, as_t
 from napari_splinesketch.plugin.columns import SHOWN as COLUMNS
 from napari_splinesketch.plugin.commands import go_to, worst_first
 from napari_splinesketch.plugin.controller import Controller
-from napari_splinesketch.plugin.layers import looks, results
+from napari_splinesketch.plugin.layers import results
 from napari_splinesketch.plugin.layers.space import Ruler, Times, ruler_of, times_of
 from napari_splinesketch.plugin.model import Key, Record, key_of
 from napari_splinesketch.plugin.plots import CurvePlots, pictures, profiles
@@ -105,7 +106,7 @@ class CurvesModel(QtCore.QAbstractTableModel):
         if role == ROLE.TextAlignmentRole and column.kind != "text":
             return ui.RIGHT
         if role == ROLE.DecorationRole and index.column() == 0:
-            return QColor(looks.COLOURS[record.curve.status])
+            return QColor(palette.STATUS[record.curve.status])
         return None
 
     def _arrange(self) -> None:

@@ -7,10 +7,11 @@ from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from napari_splinesketch import palette
 from napari_splinesketch.engine.types import Progress
 from napari_splinesketch.files import counted
 from napari_splinesketch.plugin import columns, model
-from napari_splinesketch.plugin.layers.looks import COLOURS, MARKS
+from napari_splinesketch.plugin.layers.looks import MARKS
 from napari_splinesketch.tracking.follow import DIVIDED, LEFT
 from napari_splinesketch.tracking.window import UNDECIDED
 
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
     from napari_splinesketch.tracking import Tracked
 
 LEGEND = " &nbsp; ".join(
-    f'<span style="color: {COLOURS[status]}">■</span> {word} {MARKS[status]}'.rstrip()
+    f'<span style="color: {palette.STATUS[status]}">■</span> {word} {MARKS[status]}'.rstrip()
     for status, word in columns.STATUS_WORDS.items()
 )
 EYES: dict[str, tuple[str, str]] = {

@@ -23,7 +23,6 @@ MANY = 200  # with so many sketches, what follows from several edits in a row is
 CHUNK = 50  # shapes added at once: napari takes about as long for one of them as for so many
 CLICK = 4.0  # px of the screen: a mouse that moves less while it is pressed has clicked
 FADED = 0.3  # how opaque a line is that has become a curve
-COLOUR = palette.SKETCH
 SUFFIX = " sketches"  # what the name of a new layer ends with; layers of results drop it
 
 
@@ -129,7 +128,7 @@ def put_into_frame(layer: Shapes) -> None:
 def line_style(size: tuple[int, int]) -> dict[str, Any]:
     """Look of sketches on an image of (H, W) px."""
     width = max(1.0, max(size) / 512)
-    return {"edge_color": COLOUR, "edge_width": width, "face_color": "transparent"}
+    return {"edge_color": palette.SKETCH, "edge_width": width, "face_color": "transparent"}
 
 
 def add_shapes(

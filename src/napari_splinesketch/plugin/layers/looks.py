@@ -6,14 +6,12 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial import KDTree
 
-from napari_splinesketch import palette
 from napari_splinesketch.engine.spline import fine
 from napari_splinesketch.engine.types import Curve, Status
 from napari_splinesketch.geometry import edges, thinned
 from napari_splinesketch.plugin.layers.space import Pair, View
 from napari_splinesketch.plugin.model import Line, Record, once
 
-COLOURS: dict[Status, str] = palette.STATUS  # pyright: ignore[reportAssignmentType]
 MARKS: dict[Status, str] = {"good": "", "check": "?", "failed": "!"}  # the worst is last
 STEP = 1.1  # between breadths that differ: for less, lines are not drawn again
 BREADTHS: dict[Status, float] = {"good": 1.0, "check": 1.6, "failed": 2.2}  # of lines, relative

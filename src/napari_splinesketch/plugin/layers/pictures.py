@@ -277,7 +277,7 @@ def _marks(work: Work, marked: list[tuple[Record, tuple[float, ...]]]) -> Made:
     places = np.array([place for _, place in marked]).reshape(-1, 2)
     text = {
         "string": [looks.mark_of(record) for record, _ in marked],
-        "color": [looks.COLOURS[record.curve.status] for record, _ in marked],
+        "color": [palette.STATUS[record.curve.status] for record, _ in marked],
         "size": 10,
         "anchor": "center",
     }
