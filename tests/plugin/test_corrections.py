@@ -362,6 +362,16 @@ def test_undo_says_what_it_took_back_though_it_puts_the_knots_away(
         assert made.controller.notice.text == "Undone: refine 2 curves."
 
 
+def test_the_knots_of_a_locked_curve_are_not_shown(qapp: Any, fake: FakeEngine) -> None:
+    with bench() as made:
+        made.begin()
+        made.controller.selected = 0, 2
+        made.controller.lock(True)
+        made.controller.actions.run("knots")
+        assert not made.controller.knots
+        assert made.controller.notice.text == "Curve 2 is locked."
+
+
 def test_knots_that_were_only_looked_at_leave_what_can_be_redone(
     qapp: Any, fake: FakeEngine
 ) -> None:

@@ -192,16 +192,13 @@ class Controller(Keeper):
 
     def toggle_knots(self) -> None:
         """Show the knots of the selected curve, or keep the curve as they are."""
+        work, chosen = self.work, self.selected_records()
         if self.knots:
             self.knots.close()
-            return
-        record = self.state.by_key.get(self.selected) if self.selected else None
-        if self.work is None or record is None:
-            self.say("Select one curve to edit its knots.")
-        elif record.locked:
-            self.say("The curve is locked.")
-        else:
-            self.knots = knots.KnotEditing(self, self.work, record)
+        elif locked := [record for record in chosen if record.locked]:
+            self.say(words.locked(locked))
+        elif work:
+            self.knots = knots.KnotEditing(self, work, *chosen)
             self.changes.mode.emit()
 
     def draw(self, *, or_select: bool = False) -> None:
