@@ -37,9 +37,9 @@ from napari_splinesketch.labels import Label, Labels, masks, table
 from napari_splinesketch.labels.formats import writer_of
 from napari_splinesketch.labels.types import AnyLabels, ByFrame
 
-FREE = {"image", "output", "sketches", "pixel_size", "units", "masks", "overlay", "reconstruction"}
-FREE |= {"json", "overwrite", "resume", "verbose", "jobs", "scheduler"}
-"""Options that a frame's labels do not depend on, or that are compared in another way."""
+FREE = {"image", "pixel_size", "units", "json", "overwrite", "resume", "verbose"}
+FREE |= {"jobs", "scheduler"}
+"""Options, beside files, that labels do not depend on, or that are compared in another way."""
 T = TypeVar("T")
 Todo = tuple[int, Find, tuple[Label, ...]]
 """A frame, what to do with its image, and its labels where that fails."""
@@ -255,9 +255,10 @@ def open_run(job: FrameJob, report: Report, drawn: AnyLabels | None = None) -> I
                 units = known.units if known is images else known.units or head.units
                 with suppress(ValueError) if known is images else nullcontext():
                     head = Labels(scale=known.scale, units=units)
+        others = [f.name for f in fields(job) if not {"read", "written"} & f.metadata.keys()]
         settings = {
             "command": type(job).__name__.removesuffix("Job").lower(),
-            **{f.name: getattr(job, f.name) for f in fields(job) if f.name not in FREE},
+            **{name: getattr(job, name) for name in others if name not in FREE},
         }
         depends = {
             "version": __version__,
