@@ -145,8 +145,6 @@ def tracked(taken: Sequence["Tracked"], corrected: int | None, there: int) -> st
             return f"Nothing had to change around frame {corrected}."
         span = f"from {frames[0]} to {frames[-1]}"
         return f"Refitted {counted(len(frames), 'frame')} around frame {corrected}, {span}."
-    if not taken:
-        return "Nothing was tracked."
     last, ended = taken[-1], dict[str, list[str]]()
     for one in taken:
         for number in one.lost:
