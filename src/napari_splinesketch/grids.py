@@ -89,9 +89,7 @@ def patched(
     inside = np.round((np.array([low, high]) - grid.origin) / step).astype(int)
     low, high = np.maximum(inside[0], first[1]), np.minimum(inside[1] + 1, ends[1])
 
-    def joined(
-        before: Float[np.ndarray, "H W"], after: Float[np.ndarray, "H W"]
-    ) -> Float[np.ndarray, "H W"]:
+    def joined(before: Picture, after: Picture) -> Picture:
         whole = np.full(np.max(ends, axis=0), np.nan, dtype=after.dtype)
         whole[slices(first[0], ends[0])] = before
         whole[slices(low, high)] = after[slices(low - first[1], high - first[1])]

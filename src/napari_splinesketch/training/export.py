@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from reprlib import repr as short
-from typing import Any, Literal, Protocol, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 import tifffile
@@ -17,7 +17,7 @@ from jaxtyping import Bool, Int, Real, UInt16
 from napari_splinesketch import __version__
 from napari_splinesketch.engine.types import POINTS, Array, Curve, Refinement
 from napari_splinesketch.files import EXISTS, atomic_folder, checksum_of_file, owned
-from napari_splinesketch.images.frames import checksum
+from napari_splinesketch.images.frames import Frames, checksum
 from napari_splinesketch.labels.formats import labelled, open_labels
 from napari_splinesketch.labels.types import AnyLabels, ByFrame, Label, in_frames
 from napari_splinesketch.raster import label_image, rasterise
@@ -36,14 +36,7 @@ MARGIN = 3.0
 """Margin around a body that is ignored, px."""
 USUAL = 3.0
 """Half-width where none is known in the whole frame, px."""
-
-
-class Images(Protocol):
-    """The frames of an image: an array (frames, H, W), or anything that gives one by number."""
-
-    def __getitem__(self, frame: int, /) -> Real[Array, "H W"]:
-        """Give a frame."""
-        ...
+Images = Frames | Sequence[Real[Array, "H W"]] | Real[Array, "frames H W"]
 
 
 def export_training(

@@ -19,53 +19,35 @@ from napari_splinesketch.training.split import PARTS, Part
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """A frame to train on; N bodies.
-
-    Attributes
-    ----------
-    frame
-        Its number in the film.
-    image
-        (H, W): its pixels, as they were.
-    points
-        (N, 100, 2): centrelines, row and col, px.
-    half_width, sd
-        (N, 100): distance to the edge, and standard error of `points` along the normal, px.
-    curve
-        (N,): identities.
-    mask
-        (H, W): 1 inside the first body, 2 inside the second, ...; 0 elsewhere.
-    ignore
-        (H, W): what is neither body nor background, because nobody accepted the curves there.
-    """
+    """A frame to train on; N bodies."""
 
     frame: int
+    """Its number in the film."""
     image: Real[Array, "H W"]
+    """(H, W): its pixels, as they were."""
     points: Float[Array, "N 100 2"]
+    """(N, 100, 2): centrelines, row and col, px."""
     half_width: Float[Array, "N 100"]
+    """(N, 100): distance to the edge, px."""
     sd: Float[Array, "N 100"]
+    """(N, 100): standard error of `points` along the normal, px."""
     curve: Int[Array, " N"]
+    """(N,): identities."""
     mask: UInt16[Array, "H W"]
+    """(H, W): 1 inside the first body, 2 inside the second, ...; 0 elsewhere."""
     ignore: Bool[Array, "H W"]
+    """(H, W): what is neither body nor background, because nobody accepted the curves there."""
 
 
 @dataclass(frozen=True, eq=False)
 class TrainingSet:
-    """Frames to train on; each is read when it is needed.
-
-    Attributes
-    ----------
-    folder
-        Where they are.
-    manifest
-        What the manifest says of all of them.
-    frames
-        Their numbers.
-    """
+    """Frames to train on; each is read when it is needed."""
 
     folder: Path
     manifest: Mapping[str, Any]
+    """What it says of all of them."""
     frames: tuple[int, ...]
+    """Their numbers."""
 
     def __len__(self) -> int:
         return len(self.frames)

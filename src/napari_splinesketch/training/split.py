@@ -21,25 +21,17 @@ LEFT_OUT = -1
 
 @dataclass(frozen=True)
 class Split:
-    """How frames are divided among training, validation and test.
-
-    Attributes
-    ----------
-    shares
-        Of the blocks, for each part; a part whose share is above 0 gets at least one block.
-    block
-        Frames in a block; None takes a twentieth of the film, but at most 100.
-    gap
-        Least number of frames between parts. They are left out, of training first. None takes a
-        tenth of a block.
-    seed
-        Which blocks go where.
-    """
+    """How frames are divided among training, validation and test."""
 
     shares: tuple[float, float, float] = (0.8, 0.1, 0.1)
+    """Of the blocks, for each part; a part whose share is above 0 gets at least one block."""
     block: int | None = None
+    """Frames in a block; None takes a twentieth of the film, but at most 100."""
     gap: int | None = None
+    """Least number of frames between parts. They are left out, of training first. None takes a
+    tenth of a block."""
     seed: int = 0
+    """Which blocks go where."""
 
     def __post_init__(self) -> None:
         known = np.shape(self.shares) == (3,) and min(self.shares) >= 0
