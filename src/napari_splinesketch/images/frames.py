@@ -233,25 +233,9 @@ def _natural(path: Path) -> tuple[list[list[tuple[int, str]]], Path]:
 def choose_planes(
     name: str, axes: str, shape: tuple[int, ...], channel: int | None, z: int | None
 ) -> tuple[int, Callable[[int], tuple[int, ...]]]:
-    """Find out which of an image's leading axes are frames.
+    """Find out which of an image's leading axes, of a letter each such as "TCZ", are frames.
 
-    Parameters
-    ----------
-    name
-        Of the image, for messages.
-    axes
-        One letter for each leading axis, such as "TCZ".
-    shape
-        Length of each leading axis.
-    channel, z
-        Chosen by the user, or None.
-
-    Returns
-    -------
-    count
-        Number of frames.
-    place
-        Maps the number of a frame to its index along each leading axis.
+    Gives their number, and what maps the number of one to its index along each of these axes.
     """
     stacked = [i for i, size in enumerate(shape) if size > 1 and axes[i] not in "CS"]
     if "Z" not in axes and len(stacked) > 1:  # no name tells which of them --z is to choose from

@@ -196,22 +196,9 @@ def read_curves(
     """Read a table curve by curve; the rows of one follow one another.
 
     Columns may be in any order, and there may be others. What is empty and not required is given as
-    an empty string. No more than one curve is held.
-
-    Parameters
-    ----------
-    source
-        The file, in UTF-8 with or without a byte order mark.
-    kinds
-        The columns to read.
-    required
-        Columns that must be there.
-    by
-        Columns that distinguish curves: frame and number.
-    count
-        Column that counts the rows of a curve from 0.
-    check
-        Raises ValueError for names of columns that it does not accept.
+    an empty string. No more than one curve is held. Columns `by`, frame and number, distinguish
+    curves, and `count` counts the rows of one from 0; `check` raises ValueError for columns that it
+    does not accept.
     """
     with open_regular(source.path) as raw, io.TextIOWrapper(raw, "utf-8-sig", newline="") as file:
         table, source.place = _table(source, file), "line 1"
