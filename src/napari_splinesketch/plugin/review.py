@@ -15,10 +15,9 @@ from qtpy.QtGui import QColor, QKeyEvent
 
 from napari_splinesketch import palette
 from napari_splinesketch.files import atomic
-from napari_splinesketch.plugin import choices, words
+from napari_splinesketch.plugin import choices, columns, words
 from napari_splinesketch.plugin import widgets as ui
 from napari_splinesketch.plugin.columns import FILM, STATUS, Beside, alone, as_text, beside_of
-from napari_splinesketch.plugin.columns import SHOWN as COLUMNS
 from napari_splinesketch.plugin.commands import go_to, worst_first
 from napari_splinesketch.plugin.controller import Controller
 from napari_splinesketch.plugin.layers import results
@@ -30,7 +29,7 @@ PLOTTED = ("Along it", "Curvature, speed", "Velocity")  # pictures over time com
 ONE_FRAME = "Curve {} is in one frame only: track it to see it over time"
 HEIGHT = 210  # preferred, px: leaves most of a laptop's window to the canvas
 SHARES = [740, 530]  # of the width: table and plots
-SHOWN: dict[str, Callable[[Record, int], bool]] = {
+FILTERS: dict[str, Callable[[Record, int], bool]] = {
     "all": lambda record, frame: True,
     "to check": lambda record, frame: record.review == "open" and record.curve.status != "good",
     "not reviewed": lambda record, frame: record.review == "open",
@@ -72,7 +71,7 @@ class CurvesModel(QtCore.QAbstractTableModel):
         if (ruler, asked) != (self.ruler, self._asked):
             self.ruler, self._asked = ruler, asked
             self.beside = beside_of(records, times)
-            self.headerDataChanged.emit(Qt.Orientation.Horizontal, 0, len(COLUMNS) - 1)
+            self.headerDataChanged.emit(Qt.Orientation.Horizontal, 0, self.columnCount() - 1)
             self._arrange()
 
     def sort(self, column: int, order: Qt.SortOrder = Qt.SortOrder.AscendingOrder) -> None:
@@ -86,19 +85,19 @@ class CurvesModel(QtCore.QAbstractTableModel):
 
     def columnCount(self, parent: QModelIndex = NO_INDEX) -> int:
         """Number of columns."""
-        return 0 if parent.isValid() else len(COLUMNS)
+        return 0 if parent.isValid() else len(columns.SHOWN)
 
     def headerData(self, section: int, orientation: Qt.Orientation, role: int = 0) -> Any:
         """Titles with units, and what they mean."""
         if orientation != Qt.Orientation.Horizontal:
             return None
         if role == ROLE.DisplayRole:
-            return COLUMNS[section].title.replace("%", self.ruler.unit)
-        return COLUMNS[section].tip if role == ROLE.ToolTipRole else None
+            return columns.SHOWN[section].title.replace("%", self.ruler.unit)
+        return columns.SHOWN[section].tip if role == ROLE.ToolTipRole else None
 
     def data(self, index: QModelIndex, role: int = ROLE.DisplayRole) -> Any:
         """Give what one cell shows; numbers are worked out when they are asked for."""
-        column, record = COLUMNS[index.column()], self.records[index.row()]
+        column, record = columns.SHOWN[index.column()], self.records[index.row()]
         if role == ROLE.DisplayRole and column.name == "frame":
             return self._asked[3].place(record.frame)
         if role == ROLE.DisplayRole or (role == ROLE.ToolTipRole and column.kind == "text"):
@@ -111,13 +110,14 @@ class CurvesModel(QtCore.QAbstractTableModel):
 
     def _arrange(self) -> None:
         """Bring the rows in order; resets the model only where other curves are shown."""
-        (column, order), (records, shown, frame) = self._by, self._asked[:3]
-        rows = [record for record in records if SHOWN[shown](record, frame)]
-        reverse, rank = order == Qt.SortOrder.DescendingOrder, COLUMNS[column].rank
+        (at, order), (records, shown, frame) = self._by, self._asked[:3]
+        rows = [record for record in records if FILTERS[shown](record, frame)]
+        reverse, rank = order == Qt.SortOrder.DescendingOrder, columns.SHOWN[at].rank
         rows.sort(key=lambda record: rank(record, self.ruler, self.beside), reverse=reverse)
         if list(map(key_of, rows)) == list(map(key_of, self.records)):
             self.records = rows
-            self.dataChanged.emit(self.index(0, 0), self.index(len(rows) - 1, len(COLUMNS) - 1))
+            last = self.index(len(rows) - 1, self.columnCount() - 1)
+            self.dataChanged.emit(self.index(0, 0), last)
         else:
             self.beginResetModel()
             self.records = rows
@@ -148,7 +148,7 @@ class CurvesTable(qt.QTableView):
         header.setStretchLastSection(True)
         header.setHighlightSections(False)
         self.sortByColumn(STATUS, Qt.SortOrder.DescendingOrder)
-        for i, column in enumerate(COLUMNS):
+        for i, column in enumerate(columns.SHOWN):
             width = self.fontMetrics().horizontalAdvance(column.width) + PADDING
             self.setColumnWidth(i, max(width, header.sectionSizeHint(i)))
         selection.currentRowChanged.connect(
@@ -188,7 +188,7 @@ class ReviewPanel(qt.QWidget):
         self.table = CurvesTable(self.model, self.controller.changes.erased.emit)
         self.plots = CurvePlots(self.controller.viewer.theme)
         self.shown, self.plotted = qt.QComboBox(), qt.QComboBox()
-        self.shown.addItems([name.capitalize() for name in SHOWN])
+        self.shown.addItems([name.capitalize() for name in FILTERS])
         self.shown.setToolTip("Which curves the table shows")
         self.shown.setMinimumWidth(ui.NARROW)
         self.plotted.addItems(PLOTTED)
