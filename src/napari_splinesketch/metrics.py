@@ -15,7 +15,7 @@ from skimage.graph import MCP
 
 from napari_splinesketch.engine.checks import checked_line, checked_lines
 from napari_splinesketch.engine.constants import FARTHEST_PX
-from napari_splinesketch.engine.spline import neighbours
+from napari_splinesketch.engine.spline import arc_length, distinct, neighbours
 from napari_splinesketch.engine.types import POINTS
 
 _OVERSAMPLING = 8
@@ -37,18 +37,15 @@ def resample(curve: Real[np.ndarray, "N 2"], n: int = POINTS) -> Float[np.ndarra
     """
     if not isinstance(n, Integral) or n < 1:
         raise ValueError(f"n is {n!r}; give a whole number of points, from 1.")
-    points = checked_line(curve, "the curve", finite=True)
-    chords = np.linalg.norm(np.diff(points, axis=0), axis=1)
-    points = points[np.concatenate([[True], chords > 0])]
+    points = distinct(checked_line(curve, "the curve", finite=True))
     if len(points) < 2:
         raise ValueError(f"A curve needs two distinct points; got {np.shape(curve)}.")
-    t = np.concatenate([[0.0], np.cumsum(chords[chords > 0])])
+    t = arc_length(points)
     spline = CubicSpline(t, points)
     dense_t = np.interp(
         np.linspace(0, len(t) - 1, _OVERSAMPLING * max(n, len(t))), np.arange(len(t)), t
     )
-    steps = np.linalg.norm(np.diff(spline(dense_t), axis=0), axis=1)
-    arc = np.concatenate([[0.0], np.cumsum(steps)])
+    arc = arc_length(spline(dense_t))
     return spline(np.interp(np.linspace(0, arc[-1], n), arc, dense_t))
 
 
