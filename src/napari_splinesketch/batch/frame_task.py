@@ -81,9 +81,9 @@ class FrameDone:
     """(H, W), where it was asked for."""
 
 
-Progress = Callable[[float], None]
+Tell = Callable[[float], None]
 """Called with the share of a task that is done."""
-Find = Callable[[Real[np.ndarray, "H W"], Progress], FrameDone]
+Find = Callable[[Real[np.ndarray, "H W"], Tell], FrameDone]
 """Works on the image of a frame; what it reports lacks the time and what the image is like."""
 
 
@@ -101,7 +101,7 @@ class FrameTask:
     """Of the package that sends the task; the worker's must be the same."""
 
 
-def do_frame(task: FrameTask, progress: Progress = lambda share: None) -> FrameDone:
+def do_frame(task: FrameTask, tell: Tell = lambda share: None) -> FrameDone:
     """Read a frame and work on it; the result says whether that failed.
 
     Raises ConnectionError and UnreachableError: other frames would fail too.
@@ -117,7 +117,7 @@ def do_frame(task: FrameTask, progress: Progress = lambda share: None) -> FrameD
     try:
         image = task.read()
         digest = checksum(image)
-        found = task.find(image, progress)
+        found = task.find(image, tell)
     except (ConnectionError, UnreachableError):
         raise
     except Exception as error:  # one bad frame must not stop the others

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Real
 
 import napari_splinesketch
-from napari_splinesketch.batch.frame_task import FrameDone, Progress
+from napari_splinesketch.batch.frame_task import FrameDone, Tell
 from napari_splinesketch.batch.reports import CurveReport, FrameReport
 from napari_splinesketch.cli.jobs import RefineJob, SuggestJob
 from napari_splinesketch.cli.run import Outcome, Todo, is_judged, judged, open_run
@@ -65,7 +65,7 @@ def refined(
     options: Mapping[str, Any],
     reconstruction: bool,
     image: Real[np.ndarray, "H W"],
-    progress: Progress,
+    tell: Tell,
 ) -> FrameDone:
     """Refine the sketches of one frame, one at least, all together.
 
@@ -74,7 +74,7 @@ def refined(
     result = napari_splinesketch.refine(
         image,
         [label.points for label in sketches],
-        on_progress=lambda stage: progress(stage.fraction),
+        on_progress=lambda stage: tell(stage.fraction),
         **options,
     )
     frame, ids = sketches[0].frame, [label.curve for label in sketches]
@@ -106,7 +106,7 @@ def suggested(
     frame: int,
     options: tuple[float, Polarity, float | None],
     image: Real[np.ndarray, "H W"],
-    progress: Progress,
+    tell: Tell,
 ) -> FrameDone:
     """Suggest sketches on one frame; the options are those of `napari_splinesketch.suggest`."""
     lines = napari_splinesketch.suggest(image, *options)
