@@ -25,27 +25,12 @@ def rasterise(
     shape: tuple[int, int],
     rows: tuple[int, int] | None = None,
 ) -> tuple[tuple[slice, slice], Float[Array, "h w"]] | None:
-    """Find the pixels of a body: round at its ends, as wide as its half-width says.
+    """Find the pixels of a body: round at its ends, as wide as its half-width says, px.
 
-    Parameters
-    ----------
-    points
-        Its centreline, (row, col), px.
-    half_width
-        Distance from the centreline to the body's edge, px.
-    shape
-        (H, W) of the image, px.
-    rows
-        First and last-plus-one row that are drawn; None draws all.
-
-    Returns
-    -------
-    None where the half-width is not known or the body lies outside the image, or else
-    place
-        Rows and columns of the part of the image around the body.
-    depth
-        (h, w): half-width minus distance from the centreline in that part, px, in 4 bytes; not
-        negative inside the body, negative infinite where no body is near.
+    Gives the part of an image of (H, W) that lies around it, and in that the half-width minus the
+    distance from the centreline, px, in 4 bytes: not negative inside the body, negative infinite
+    where it is not near. None where the half-width is not known or the body lies outside the image.
+    `rows` are the first and last-plus-one that are drawn; None draws all.
     """
     if not np.all(np.isfinite(half_width)):
         return None

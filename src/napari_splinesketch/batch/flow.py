@@ -29,19 +29,10 @@ def through(
     """Give each task with its result as soon as it is done, in whatever order.
 
     No more tasks than the workers have room for exist at a time; the next is taken when one is done
-    and the caller has dealt with its result.
+    and the caller has dealt with its result. `work` must be importable.
 
-    Parameters
-    ----------
-    workers
-        What does the work.
-    work
-        Takes a task. Must be importable.
-    tasks
-        Taken one by one.
-    retry
-        Is given what `work` raises, and returns a task to do instead, or None: then it ends
-        everything. A task that cannot be done must therefore be reported in its result.
+    `retry` is given what `work` raises, and returns a task to do instead, or None: then it ends
+    everything. A task that cannot be done must therefore be reported in its result.
     """
     # Each task with the number of workers that have died of it.
     begun, again = dict[Future[Done], tuple[Task, int]](), list[tuple[Task, int]]()

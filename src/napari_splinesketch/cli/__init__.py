@@ -6,10 +6,7 @@ from collections.abc import Sequence
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; returns its exit code.
 
-    Parameters
-    ----------
-    arguments
-        As on the command line, without the program's name; None takes them from there.
+    Arguments are as on the command line, without the program's name; None takes them from there.
     """
     try:  # imports take a while, and Ctrl-C must work during them
         from napari_splinesketch.cli import terminal

@@ -24,6 +24,10 @@ DEPTH = 24
 FILMS = (".avi", ".mp4", ".mov", ".mkv", ".webm")
 
 
+Scale = tuple[tuple[float, float], str] | tuple[None, None]
+"""(y, x) size of a pixel, and its unit."""
+
+
 class ImageError(ValueError):
     """An image that cannot be read: which, and what to do."""
 

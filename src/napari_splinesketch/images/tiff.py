@@ -8,12 +8,11 @@ from pathlib import Path
 import numpy as np
 import tifffile
 
-from napari_splinesketch.images.frames import Frames, ImageError, choose_planes
+from napari_splinesketch.images.frames import Frames, ImageError, Scale, choose_planes
 from napari_splinesketch.labels.types import unit_of
 
 COLOURS = {tifffile.PHOTOMETRIC.RGB, tifffile.PHOTOMETRIC.YCBCR}
 ALPHAS = {tifffile.EXTRASAMPLE.ASSOCALPHA, tifffile.EXTRASAMPLE.UNASSALPHA}
-Scale = tuple[tuple[float, float], str] | tuple[None, None]
 
 
 @contextmanager

@@ -15,7 +15,7 @@ from zarr.core.buffer import Buffer, BufferPrototype
 from zarr.storage import FsspecStore
 
 from napari_splinesketch.files import INSTALL
-from napari_splinesketch.images.frames import Frames, ImageError, choose_planes, is_url
+from napari_splinesketch.images.frames import Frames, ImageError, Scale, choose_planes, is_url
 from napari_splinesketch.labels.types import unit_of
 
 SHORT = {"nanometer": "nm", "millimeter": "mm", "meter": "m"}
@@ -132,9 +132,7 @@ def _image(attributes: Mapping[str, Any]) -> Mapping[str, Any]:
     return multiscales[0]
 
 
-def _scale(
-    axes: Sequence[Mapping[str, str]], *described: Mapping[str, Any]
-) -> tuple[tuple[float, float], str] | tuple[None, None]:
+def _scale(axes: Sequence[Mapping[str, str]], *described: Mapping[str, Any]) -> Scale:
     """Multiply the scales of a level and of the whole image."""
     steps = (step for each in described for step in each.get("coordinateTransformations", ()))
     scales = [step["scale"][-2:] for step in steps if step.get("type") == "scale"]

@@ -197,7 +197,7 @@ class Labels:
 
     @property
     def head(self) -> "Labels":
-        """Everything but the labels themselves."""
+        """What all labels share, as `ByFrame` has it; here it comes with them."""
         return self
 
     @cached_property

@@ -152,7 +152,7 @@ def times_of(image: Image | None) -> Times:
     Without an image, any.
     """
     if image is None:
-        return Times(2**31)
+        return Times(BEYOND)
     shape = frame_shape(image)
     # napari numbers axes that have no name: -4.
     names = [name if name[-1:].isalpha() else "plane" for name in image.axis_labels]
