@@ -22,7 +22,7 @@ from napari_splinesketch.plugin.films import NOT_FOUND, Tracking, bodies_at, con
 from napari_splinesketch.plugin.layers.space import times_of
 from napari_splinesketch.plugin.model import Record, State
 from napari_splinesketch.tracking import Tracked, View
-from napari_splinesketch.tracking.follow import DIVIDED, LEFT
+from napari_splinesketch.tracking.events import DIVIDED, LEFT
 from napari_splinesketch.tracking.window import UNDECIDED
 
 from .fakes import FakeEngine, as_drawn

@@ -12,7 +12,7 @@ from napari_splinesketch.plugin import words
 from napari_splinesketch.plugin.model import Record
 from napari_splinesketch.plugin.plan import Plan, Scope, Target
 from napari_splinesketch.tracking import Tracked
-from napari_splinesketch.tracking.follow import LEFT
+from napari_splinesketch.tracking.events import LEFT
 
 from .fakes import as_drawn
 

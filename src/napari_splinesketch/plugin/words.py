@@ -12,7 +12,7 @@ from napari_splinesketch.engine.types import Progress
 from napari_splinesketch.files import counted
 from napari_splinesketch.plugin import columns, model
 from napari_splinesketch.plugin.layers.looks import MARKS
-from napari_splinesketch.tracking.follow import DIVIDED, LEFT
+from napari_splinesketch.tracking.events import DIVIDED, LEFT
 from napari_splinesketch.tracking.window import UNDECIDED
 
 if TYPE_CHECKING:

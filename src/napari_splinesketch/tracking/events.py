@@ -1,4 +1,4 @@
-"""What comes into view and what divides: it is said, and left to the user."""
+"""What comes into view, leaves it or divides: it is said, and left to the user."""
 
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
@@ -15,6 +15,8 @@ from napari_splinesketch.tracking.drift import apart_from, distance, mostly_on, 
 from napari_splinesketch.tracking.motion import of_length
 from napari_splinesketch.tracking.types import Line, View
 
+LEFT, DIVIDED = "it left the image", "it divided into parts"
+"""Why a body ends, other than that it is not found any more."""
 Shown = Bool[np.ndarray, " P"]
 EVERY = 5
 """Frames from one search for bodies that come into view to the next."""

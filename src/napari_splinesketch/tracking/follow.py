@@ -12,14 +12,12 @@ from napari_splinesketch.engine.settings import PresetName
 from napari_splinesketch.engine.types import Curve, OnProgress, Progress, Refinement, says_stop
 from napari_splinesketch.tracking.bodies import Body
 from napari_splinesketch.tracking.drift import ShownPlaces, misleads, near_others
-from napari_splinesketch.tracking.events import Entering, Parts
+from napari_splinesketch.tracking.events import DIVIDED, LEFT, Entering, Parts
 from napari_splinesketch.tracking.search import AT_ONCE, Cancelled, Found, Search
 from napari_splinesketch.tracking.types import Given, Line, Read, Refine, Tracked, View
 from napari_splinesketch.tracking.window import Window
 
 NOTHING = "nothing like it is there"
-LEFT, DIVIDED = "it left the image", "it divided into parts"
-"""Why a body ends, other than that it is not found any more."""
 PATIENCE = 20
 """Frames for which a body that cannot be trusted is looked for, with the frames around them."""
 OUTSIDE = 0.5
