@@ -398,7 +398,7 @@ LIMITED = """
 import resource, sys
 from napari_splinesketch.cli import main
 sys.dont_write_bytecode = True  # Python would keep bytecode that is cut off at the limit
-resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))
+resource.setrlimit(resource.RLIMIT_FSIZE, (10_000, 10_000))
 for name in sys.argv[1:]:
     print(main(["convert", "many.csv", name]), file=sys.stderr)
 """

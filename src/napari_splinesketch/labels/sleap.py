@@ -1,16 +1,18 @@
 """SLEAP: one instance per body, one track per identity, nodes along the body; (x, y) in pixels."""
 
+import os
 from importlib import import_module
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+from napari_splinesketch.labels import json_tree
 from napari_splinesketch.labels.coco import image_name
 from napari_splinesketch.labels.format import Format
-from napari_splinesketch.labels.json_tree import head_of
 from napari_splinesketch.labels.types import AnyLabels, evenly_sampled
 
 MOST = 400  # points of a curve: HDF5 keeps their names in one attribute, of 64 KiB at most
+ROOM = 2**18  # bytes that a file takes at most, beside 400 for each curve and 20 for each point
 
 
 def write(path: Path, labels: AnyLabels) -> None:
@@ -37,8 +39,12 @@ def write(path: Path, labels: AnyLabels) -> None:
         videos=[video],
         skeletons=[skeleton],
         tracks=list(tracks.values()),
-        provenance={"napari-splinesketch": head_of(labels.head)},
+        provenance={"napari-splinesketch": json_tree.head_of(labels.head)},
     )
+    # HDF5 may end the whole process where the disk gets full: there is room, or an error before it.
+    head = json_tree.encode(json_tree.head_of(labels.head))
+    path.write_bytes(os.urandom(ROOM + 2 * len(head) + labels.facts.count * (400 + 20 * size)))
+    path.unlink()
     sleap_io.save_slp(made, str(path), embed=False, verbose=False)
 
 
