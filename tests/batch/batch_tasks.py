@@ -20,6 +20,11 @@ def environment(name: str) -> str:
     return os.environ.get(name, "")
 
 
+def is_blocked(number: int) -> bool:
+    """Tell whether a signal is blocked, as it was when this process began."""
+    return number in signal.pthread_sigmask(signal.SIG_BLOCK, ())
+
+
 def sleep(seconds: float) -> float:
     time.sleep(seconds)
     return seconds

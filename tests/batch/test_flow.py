@@ -106,6 +106,14 @@ def test_processes_have_one_thread_of_arithmetic(tasks) -> None:
     assert "--xla_cpu_multi_thread_eigen=false" in str(given["XLA_FLAGS"])
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="signals are those of POSIX")
+def test_processes_do_not_hear_ctrl_c_even_as_they_begin(tasks) -> None:
+    with Local(1) as workers:
+        given = dict(through(workers, tasks.is_blocked, [signal.SIGINT, signal.SIGTERM]))
+    assert given == {signal.SIGINT: True, signal.SIGTERM: False}
+    assert not tasks.is_blocked(signal.SIGINT)
+
+
 def test_the_user_s_own_numbers_of_threads_stay() -> None:
     chosen = {"OMP_NUM_THREADS": "3", "XLA_FLAGS": "--xla_cpu_multi_thread_eigen=true"}
     environment = dict(chosen)

@@ -4,9 +4,10 @@ import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Callable, MutableMapping
+from collections.abc import Callable, Iterator, MutableMapping
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from multiprocessing.connection import Connection
 from typing import Any, Self
 
@@ -38,12 +39,13 @@ class Local:
 
     def submit(self, work: Callable[..., Any], task: Any) -> Future[Any]:
         """Give a task to the next process that is free."""
-        try:
-            return self._pool.submit(work, task)
-        except BrokenProcessPool:
-            self._stop()
-            self._start()
-            return self._pool.submit(work, task)
+        with _interrupts_wait():
+            try:
+                return self._pool.submit(work, task)
+            except BrokenProcessPool:
+                self._stop()
+                self._start()
+                return self._pool.submit(work, task)
 
     def _start(self) -> None:
         # Not forked: JAX has threads, and a fork of a process with threads may hang.
@@ -55,6 +57,19 @@ class Local:
         self._lifeline.close()
         self._pool.shutdown(wait=True, cancel_futures=True)
         self._ends.close()
+
+
+@contextmanager
+def _interrupts_wait() -> Iterator[None]:
+    """Hold Ctrl-C back from here and from processes that are started: from their first moment."""
+    if os.name == "nt":
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _begin(lifeline: Connection) -> None:
