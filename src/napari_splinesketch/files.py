@@ -139,9 +139,9 @@ def check_outputs(
         if not path.parent.is_dir():
             raise FileNotFoundError(f"{path.parent}: no such folder; make it first")
         if is_input(path):
-            raise ValueError(
-                f"{path} is read by this command, and is not replaced; choose another name"
-            )
+            read = "is read by this command, and is not replaced"
+            why = read if path.exists() else "would become a frame of the image"
+            raise ValueError(f"{path} {why}; choose another name or folder")
         if path.is_symlink() and not path.exists():
             raise ValueError(f"{path} is a link that leads nowhere; delete it or choose another")
         if path.exists() and not path.is_file():
