@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Callable
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ from napari_splinesketch.batch.reports import CurveReport, FrameReport, Spool
 from napari_splinesketch.cli import main, tracking
 from napari_splinesketch.cli.report import as_text
 from napari_splinesketch.labels import Label, Labels, read_labels, write_labels
+from napari_splinesketch.tracking.bodies import INFERRED
 
 from .fakes import curve
 
@@ -153,8 +154,6 @@ def test_what_is_lost_is_reported(
     whole: Callable[..., Any] = napari_splinesketch.refine
 
     def upper_half_only(image: np.ndarray, lines: Any, preset: str, **options: Any) -> Any:
-        from dataclasses import replace
-
         result = whole(image, lines, preset, **options)
         result.background[21:] = image[21:]
         return replace(result, background=result.background)
@@ -228,6 +227,26 @@ def test_an_interrupted_run_knows_the_contrast_of_its_bodies(
     monkeypatch.setattr(napari_splinesketch, "refine", whole, raising=False)
     assert track("--smooth", "off", "--resume") == 0
     assert known == [None, 30.0]
+
+
+def test_an_interrupted_run_knows_where_its_bodies_were_seen(
+    folder: Path, engine: list, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    known = list[dict[int, list[int]]]()
+
+    def fake(frames: Any, bodies: Any, *more: Any, given: Any, **options: Any) -> Any:
+        known.append({body.id: [frame for frame, _ in body.seen] for body in bodies})
+        for frame in frames[:3]:
+            given(frame)
+            reasons = (INFERRED,) if frame == 2 else ()
+            one = replace(curve(LINE), status="check", reasons=reasons)
+            yield tracking.Tracked(frame, {} if frame == 1 else {4: one})
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(tracking, "follow", fake)
+    assert track() == 130
+    assert track("--resume") == 130
+    assert known == [{}, {4: [1, 3], 9: [1], 2: [3]}]
 
 
 @pytest.mark.parametrize(

@@ -19,6 +19,7 @@ from napari_splinesketch.images.frames import Frames, ImageError, checksum
 from napari_splinesketch.labels import Label, Labels, read_labels
 from napari_splinesketch.labels.types import in_frames
 from napari_splinesketch.tracking import Body, Given, Tracked, View, after, follow
+from napari_splinesketch.tracking.bodies import INFERRED
 
 ENTERED = "a body came into view at row {:.0f}, column {:.0f}; sketch it in this frame to track it"
 DRIFT, MISSING, LOST = "drift", "missing", "lost"
@@ -170,11 +171,14 @@ def _after(
     bodies: Mapping[int, Body], done: FrameReport, labels: Sequence[Label], drawn: Sequence[Label]
 ) -> dict[int, Body]:
     """Give the bodies as they are known after a frame, which may come from an earlier run."""
-    curves = {label.curve: _curve(label) for label in labels if label.status != "failed"}
     status = {report.curve: report for report in done.curves}
+    refined = [label for label in labels if label.status != "failed"]
+    curves = {one.curve: _curve(one, status[one.curve].reasons) for one in refined}
     sketched = {label.curve for label in drawn}
     given = {number: curve for number, curve in curves.items() if number in sketched}
-    placed = {number: curve for number, curve in curves.items() if number not in sketched}
+    # What was inferred tells nothing of where a body goes.
+    seen = {number: curve for number, curve in curves.items() if INFERRED not in curve.reasons}
+    placed = {number: curve for number, curve in seen.items() if number not in sketched}
     tracked = Tracked(
         done.frame,
         placed,
@@ -185,8 +189,8 @@ def _after(
     return after(bodies, tracked, Given(given))
 
 
-def _curve(label: Label) -> Curve:
+def _curve(label: Label, reasons: tuple[str, ...]) -> Curve:
     """As much of a curve as its label keeps."""
     knots = np.column_stack([label.points, label.half_width])
     status = "check" if label.status == "check" else "good"
-    return Curve(knots, label.points, label.half_width, label.sd, status, (), float("nan"))
+    return Curve(knots, label.points, label.half_width, label.sd, status, reasons, float("nan"))
