@@ -134,6 +134,12 @@ def test_the_manifest_fits_its_schema_and_tells_the_truth(tmp_path: Path, folder
     assert rows[1].startswith("0,") and rows[1].endswith(f",1,1,{checksum(IMAGES[0])}")
 
 
+def test_the_type_of_the_pixels_is_that_of_the_set_s_images(folder: Path) -> None:
+    manifest = export_training(folder, IMAGES.astype(">u2"), REVIEWED)  # as ImageJ writes them
+    image = read_training(folder)[0].image
+    assert manifest["image"]["dtype"] == image.dtype.name == "uint16"
+
+
 def test_the_splines_are_sketches_for_a_next_refinement(folder: Path) -> None:
     export_training(folder, IMAGES, REVIEWED)
     lines = read_labels(folder / "splines" / "frame-000000002.npz").labels

@@ -200,7 +200,7 @@ class Run:
             image = {
                 "name": self.images.name,
                 "shape": list(first.shape),
-                "dtype": str(first.dtype),
+                "dtype": first.dtype.name,
                 "sha256": {str(done.frame): done.sha256 for done in reports if done.sha256},
             }
             source = {

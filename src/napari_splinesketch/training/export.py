@@ -177,7 +177,7 @@ def _write_frames(
             except LookupError:
                 raise ValueError(f"the labels have a frame {frame}, and the images none") from None
             signs += _write(folder, frame, pixels, kept, others)
-            image = image or {"shape": list(pixels.shape), "dtype": str(pixels.dtype)}
+            image = image or {"shape": list(pixels.shape), "dtype": pixels.dtype.name}
             part = PARTS[parts[frame]]
             counts[part]["frames"] += 1
             counts[part]["bodies"] += len(kept)
