@@ -205,7 +205,7 @@ def test_what_cannot_be_shown_ends_what_runs(
         raise ValueError("napari does not like it")
 
     with monkeypatch.context() as patched:
-        patched.setattr(columns, "features", broken)
+        patched.setattr(columns, "rows_of", broken)
         ready.controller.review("accepted", (0, 1))
         until(lambda: ready.controller.progress is None, SOON)
     assert "napari does not like it" in ready.controller.notice.text

@@ -42,9 +42,12 @@ def write(path: Path, labels: AnyLabels) -> None:
         provenance={"napari-splinesketch": json_tree.head_of(labels.head)},
     )
     # HDF5 may end the whole process where the disk gets full: there is room, or an error before it.
-    head = json_tree.encode(json_tree.head_of(labels.head))
-    path.write_bytes(os.urandom(ROOM + 2 * len(head) + labels.facts.count * (400 + 20 * size)))
-    path.unlink()
+    if hasattr(os, "posix_fallocate"):
+        head = len(json_tree.encode(json_tree.head_of(labels.head)))
+        room = ROOM + 2 * head + labels.facts.count * (400 + 20 * size)
+        with path.open("wb") as file:
+            os.posix_fallocate(file.fileno(), 0, room)
+        path.unlink()
     sleap_io.save_slp(made, str(path), embed=False, verbose=False)
 
 
