@@ -13,6 +13,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 from napari.layers.base import ActionType
+from qtpy.QtCore import Qt
 
 from napari_splinesketch.engine.types import Refinement
 from napari_splinesketch.plugin import commands, engine
@@ -26,7 +27,7 @@ from napari_splinesketch.tracking.events import DIVIDED, LEFT
 from napari_splinesketch.tracking.window import UNDECIDED
 
 from .fakes import FakeEngine, as_drawn
-from .hand import QTest, click, refine, until
+from .hand import QTest, canvas, canvas_point, click, fit_view, refine, until
 
 LINES = [np.array([[1.0, 20, 20], [1, 20, 60]]), np.array([[1.0, 60, 30], [1, 64, 80]])]
 
@@ -109,6 +110,25 @@ def test_back_to_the_first_frame_is_one_step_and_a_single_one_shows_it(
     assert keys(film)[0] == (3, 1)
     viewer.dims.set_point(0, 0)
     assert not film.track.buttons["track_back"].isEnabled()
+
+
+@pytest.mark.window(shown=True)
+def test_the_frame_stays_in_view_while_a_line_is_drawn_there(
+    viewer: Any, film: SplinesketchDock
+) -> None:
+    fit_view(viewer)
+    click(film.draw)
+    click(film.track.buttons["next_frame"])
+    surface, layer = canvas(viewer), film.controller.sketches
+    begin, end = canvas_point(viewer, (40, 20)), canvas_point(viewer, (44, 90))
+    QTest.mousePress(surface, Qt.MouseButton.LeftButton, pos=begin)
+    over(film)
+    assert keys(film)[-2:] == [(2, 1), (2, 2)]
+    QTest.mouseMove(surface, end)
+    QTest.qWait(20)
+    QTest.mouseRelease(surface, Qt.MouseButton.LeftButton, pos=end)
+    assert layer is not None
+    np.testing.assert_allclose(layer.data[-1], [[1, 40, 20], [1, 44, 90]], atol=1)
 
 
 def test_to_the_end_is_one_step_and_leaves_alone_what_was_decided(

@@ -240,7 +240,9 @@ class Tracking:
         """Take over the rest, and say what came of it; go to the frame where it is a single one."""
         self.take()
         controller, work = self.controller, self.work
-        if work is controller.work and len(self.frames) == 1 and self.corrected is None:
+        single = len(self.frames) == 1 and self.corrected is None
+        # Not away from a line that is being drawn: napari fails over it, or puts it over there.
+        if work is controller.work and single and not controller.unfinished:
             numbers = {number for _, number in controller.selection}
             frame = self.times[self.frames[0]]
             space.go_to_frame(controller.viewer, work.image, frame)
