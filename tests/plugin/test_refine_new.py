@@ -1,9 +1,11 @@
 """Only what is new is refined; the rest takes part as it is."""
 
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+from napari.utils.interactions import mouse_press_callbacks
 from qtpy.QtCore import Qt
 
 from napari_splinesketch.plugin.dock import SplinesketchDock
@@ -242,3 +244,23 @@ def test_lines_outlive_a_polyline_that_was_given_up_and_a_view_in_3d(
         for line, there in zip(lines, layer.data, strict=True):
             np.testing.assert_array_equal(there, line)
         assert [*layer.features["id"]] == [7, 8]
+
+
+def test_lines_outlive_one_that_lost_its_last_vertices_and_a_view_in_3d(
+    qapp: Any, fake: FakeEngine
+) -> None:
+    with bench() as made:
+        viewer: Any = made.viewer
+        made.image((3, 96, 128))
+        lines = [np.insert(line, 0, 0, axis=1) for line in LINES]
+        layer: Any = made.sketches(lines)
+        viewer.layers.selection.active = layer
+        layer.mode = "vertex_remove"
+        press = {"position": (0, 20, 20), "view_direction": None, "dims_displayed": [1, 2]}
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(type(layer), "get_value", lambda *_, **__: (0, 0))
+            mouse_press_callbacks(layer, SimpleNamespace(**press, modifiers=(), type="mouse_press"))
+        until(lambda: len(layer.edge_color) == layer.nshapes == 1, SOON)
+        for axes in (3, 2):
+            viewer.dims.ndisplay = axes
+        np.testing.assert_array_equal(layer.data[0], lines[1])

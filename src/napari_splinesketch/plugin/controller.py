@@ -270,6 +270,8 @@ class Controller(Keeper):
             if work.behind:
                 self.show(work)
         layer = self.sketches
+        if layer and len(layer.edge_color) > layer.nshapes:  # later: napari is still busy
+            QTimer.singleShot(0, partial(drawn.forget_given_up, layer))
         if layer is None or layer.nshapes < drawn.MANY:
             self.changes.lines.emit()
         elif not self.progress:  # at the end of what runs, all is looked at anyway
@@ -320,7 +322,6 @@ class Controller(Keeper):
         """Refine what was drawn, if the user wants that; a mere click selects a curve."""
         image, layer, work = self.image, self.sketches, self.work
         if layer:
-            drawn.forget_given_up(layer)
             drawn.put_into_frame(layer)
         if image and layer and drawn.clicked(self.viewer, layer):
             layer.remove([layer.nshapes - 1])

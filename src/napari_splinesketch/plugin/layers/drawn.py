@@ -108,12 +108,14 @@ def clicked(viewer: ViewerModel, layer: Shapes) -> bool:
 
 
 def forget_given_up(layer: Shapes) -> None:
-    """Drop what napari keeps of paths that were given up: a view in 3-D would lose all shapes."""
-    count, features = layer.nshapes, pd.DataFrame(layer.features)
-    if len(features) > count:
-        layer.features = features.head(count)
-        view = layer._data_view  # nothing public can shorten its colours
-        view._edge_color, view._face_color = view._edge_color[:count], view._face_color[:count]
+    """Drop what napari keeps of lines that were given up, or lost their last vertices.
+
+    A view in 3-D would lose all shapes.
+    """
+    count, view = layer.nshapes, layer._data_view  # nothing public can shorten its colours
+    if len(layer.features) > count:
+        layer.features = pd.DataFrame(layer.features).head(count)
+    view._edge_color, view._face_color = view._edge_color[:count], view._face_color[:count]
 
 
 def put_into_frame(layer: Shapes) -> None:
