@@ -70,6 +70,17 @@ def test_doubles_elsewhere_change_nothing():
 
 
 @pytest.mark.parametrize(
+    ("name", "value"), [("numpy_rank_promotion", "raise"), ("transfer_guard", "disallow")]
+)
+def test_what_others_forbid_does_not_concern_the_engine(name, value):
+    made = frame(2, 2)
+    with getattr(jax, name)(value):
+        found = refine(made.image, sketches_of(made))
+    for a, b in zip(found.curves, refined(2, 2).curves, strict=True):
+        np.testing.assert_array_equal(a.points, b.points)
+
+
+@pytest.mark.parametrize(
     ("preset", "module", "name"),
     [("balanced", solver, "sweep"), ("paper", result, "fit_paper")],
 )
@@ -128,3 +139,15 @@ def test_settings_return_when_the_last_of_several_calls_is_over():
             pass
         assert jax.config.values["jax_compilation_cache_dir"] is not None
     assert dict(jax.config.values) == before
+
+
+def test_where_nothing_can_be_kept_nothing_is(tmp_path, monkeypatch):
+    (tmp_path / "file").touch()
+    monkeypatch.setattr(compile_cache, "user_cache_path", lambda _: tmp_path / "file")
+    elsewhere = jax.config.values["jax_compilation_cache_dir"]
+    jax.config.update("jax_compilation_cache_dir", None)
+    try:
+        with compile_cache.kept():
+            assert jax.config.values["jax_compilation_cache_dir"] is None
+    finally:
+        jax.config.update("jax_compilation_cache_dir", elsewhere)

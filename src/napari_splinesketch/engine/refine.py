@@ -5,7 +5,6 @@ import time
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
-import jax
 import numpy as np
 from jaxtyping import Float, Real
 from scipy.linalg import block_diag
@@ -13,7 +12,7 @@ from scipy.linalg import block_diag
 from napari_splinesketch.engine import checks, compile_cache, islands, spline
 from napari_splinesketch.engine import constants as const
 from napari_splinesketch.engine.find import finding
-from napari_splinesketch.engine.fit import fitting
+from napari_splinesketch.engine.fit import fitting, solver
 from napari_splinesketch.engine.fit.fit_scene import Centrelines, Reporter, fit_scene
 from napari_splinesketch.engine.islands import Island
 from napari_splinesketch.engine.look import relief, scene
@@ -74,9 +73,11 @@ def refine(
 
     Returns
     -------
-    One curve per sketch, in the same order, with reconstruction and diagnostics. A sketch that
-    cannot be refined comes back as drawn, with status "failed" and the reason. The reconstruction
-    is made from `image` when it is first read: read it before other pixels are written there.
+    Refinement
+        One curve per sketch, in the same order, with reconstruction and diagnostics. A sketch that
+        cannot be refined comes back as drawn, with status "failed" and the reason. The
+        reconstruction is made from `image` when it is first read: read it before other pixels are
+        written there.
 
     Raises
     ------
@@ -204,7 +205,7 @@ def _fitted(
     if preset == "paper":
         from napari_splinesketch.paper.result import fit_paper
 
-        with jax.enable_x64(False), jax.default_matmul_precision("highest"):
+        with solver.settings():
             return fit_paper(island, seen, seed, report)
     settings = Settings() if isinstance(preset, str) else preset
     if settings.hold is not None:

@@ -134,8 +134,7 @@ def fit_curves(
             order = np.zeros(len(begin), np.int32)
             order[: len(chunk)] = chunk
             numbers = np.int32(len(chunk)), np.int32(steps)
-            # GPUs round the factors of products to eleven bits unless they are told not to.
-            with jax.enable_x64(False), jax.default_matmul_precision("highest"):
+            with solver.settings():
                 fit = solver.sweep(bands, level, fit, basis, order, *numbers)
             done += len(chunk)
             if report:

@@ -5,6 +5,8 @@ the maximum of their brightness, frozen while it takes its steps. One compiled p
 every scene: counts, priors and numbers of steps are data, and shapes come in few sizes.
 """
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import partial
 from typing import NamedTuple
 
@@ -84,6 +86,19 @@ def start(theta: Float[Array, "N D"], pixels: int) -> Fit:
 def at_a_time() -> int:
     """How many curves step together: one costs least on a CPU, many on a GPU."""
     return 1 if jax.default_backend() == "cpu" else const.ABREAST
+
+
+@contextmanager
+def settings() -> Iterator[None]:
+    """JAX's settings that the engine computes with, whatever the caller's are."""
+    # GPUs round the factors of products to eleven bits unless they are told not to.
+    with (
+        jax.enable_x64(False),
+        jax.default_matmul_precision("highest"),
+        jax.numpy_rank_promotion("allow"),
+        jax.transfer_guard("allow"),
+    ):
+        yield
 
 
 @partial(jax.jit, donate_argnums=(2,), static_argnames="together")
