@@ -23,6 +23,7 @@ from napari_splinesketch.plugin.films import NOT_FOUND, Tracking, bodies_at, con
 from napari_splinesketch.plugin.layers.space import times_of
 from napari_splinesketch.plugin.model import Record, State
 from napari_splinesketch.tracking import Tracked, View
+from napari_splinesketch.tracking.bodies import INFERRED
 from napari_splinesketch.tracking.events import DIVIDED, LEFT
 from napari_splinesketch.tracking.window import UNDECIDED
 
@@ -529,6 +530,11 @@ def test_tracking_goes_on_with_what_was_known_before() -> None:
     backwards = {body.id: body for body in bodies_at(state, 0, -1)}
     assert [t for t, _ in backwards[1].seen] == [6, 5, 4, 3, 2, 1, 0]
     assert bodies_at(replace(state, deleted=(record(2, 11),)), 11)[-1].id != 2
+    curve = replace(records[11].curve, reasons=(INFERRED,))
+    hidden = replace(records[11], curve=curve, drawn=False)
+    for review, misses in (("open", [1]), ("accepted", [0]), ("rejected", [])):
+        guessed = State(records=(*records[:11], replace(hidden, review=review)))
+        assert [body.misses for body in bodies_at(guessed, 11)] == misses, "not seen there"
 
 
 def test_buttons_say_why_not(viewer: Any, dock: SplinesketchDock) -> None:

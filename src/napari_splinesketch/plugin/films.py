@@ -17,7 +17,7 @@ from napari_splinesketch.plugin.layers import drawn, space
 from napari_splinesketch.plugin.layers.results import Work
 from napari_splinesketch.plugin.model import Key, Record, State, by_frame, key_of
 from napari_splinesketch.tracking import NOTHING_GIVEN, Body, Given, Tracked, follow
-from napari_splinesketch.tracking.bodies import MEMORY
+from napari_splinesketch.tracking.bodies import INFERRED, MEMORY
 from napari_splinesketch.tracking.follow import PATIENCE
 from napari_splinesketch.tracking.window import UNDECIDED
 
@@ -262,10 +262,11 @@ class Tracking:
 def bodies_at(state: State, frame: int, way: int = 1) -> tuple[Body, ...]:
     """Give the bodies that are known in a frame, or before on that way and out of sight there."""
     ways: dict[int, list[tuple[int, Curve]]] = {}
-    for record in sorted(state.records, key=lambda r: way * r.frame):
+    known = [record for record in state.records if not _inferred(record)]
+    for record in sorted(known, key=lambda r: way * r.frame):
         if record.usable and 0 <= way * (frame - record.frame) < PATIENCE:
             ways.setdefault(record.id, []).append((record.frame, record.curve))
-    ended = {r.id for r in (*state.deleted, *state.records) if r.frame == frame}
+    ended = {r.id for r in (*state.deleted, *known) if r.frame == frame}
     return tuple(
         Body(number, tuple(seen[-MEMORY:]), abs(frame - seen[-1][0]))
         for number, seen in ways.items()
@@ -314,6 +315,12 @@ def taken_in(
 def _doubted(record: Record) -> Record:
     reasons = dict.fromkeys((NOT_FOUND, *record.curve.reasons))
     return replace(record, curve=replace(record.curve, status="check", reasons=tuple(reasons)))
+
+
+def _inferred(record: Record) -> bool:
+    """Whether no image shows it, and the user has not said anything of it."""
+    asked = record.review == "open" and not _decided(record)
+    return asked and INFERRED in record.curve.reasons
 
 
 def _decided(record: Record) -> bool:
