@@ -177,8 +177,7 @@ def _after(
     sketched = {label.curve for label in drawn}
     given = {number: curve for number, curve in curves.items() if number in sketched}
     # What was inferred tells nothing of where a body goes.
-    seen = {number: curve for number, curve in curves.items() if INFERRED not in curve.reasons}
-    placed = {number: curve for number, curve in seen.items() if number not in sketched}
+    placed = {n: c for n, c in curves.items() if n not in sketched and INFERRED not in c.reasons}
     tracked = Tracked(
         done.frame,
         placed,

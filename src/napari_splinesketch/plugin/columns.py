@@ -151,8 +151,7 @@ def rows_of(
     found, rows = beside or beside_of(records), dict[tuple[Any, ...], tuple[Any, ...]]()
     for record in records:
         alike = record, *found(record)
-        said = last.get(alike) or tuple(column.value(record, ruler, found) for column in COLUMNS)
-        rows[alike] = said
+        rows[alike] = last.get(alike) or tuple(c.value(record, ruler, found) for c in COLUMNS)
     return rows
 
 

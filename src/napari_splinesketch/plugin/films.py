@@ -319,8 +319,8 @@ def _doubted(record: Record) -> Record:
 
 def _inferred(record: Record) -> bool:
     """Whether no image shows it, and the user has not said anything of it."""
-    asked = record.review == "open" and not _decided(record)
-    return asked and INFERRED in record.curve.reasons
+    known = record.review != "open" or _decided(record)
+    return not known and INFERRED in record.curve.reasons
 
 
 def _decided(record: Record) -> bool:

@@ -224,7 +224,7 @@ def _write(path: Path, what: _File | Patch) -> None:
         if isinstance(what, Patch):
             arrays = {"place": np.stack([what.grid.origin, what.grid.step]), "pixels": what.pixels}
             arrays |= {} if what.background is None else {"background": what.background}
-            # As NumPy does, but in half of its time: to press harder hardly makes them smaller.
+            # As NumPy does, but sooner: to press them harder hardly makes them smaller.
             with zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as file:
                 for name, array in arrays.items():
                     with file.open(f"{name}.npy", "w", force_zip64=True) as part:
