@@ -180,7 +180,7 @@ def test_any_lines_can_be_saved_as_sketches(tmp_path: Path) -> None:
 
 def test_the_manifest_offers_every_format() -> None:
     contributions: Any = PluginManifest.from_file(MANIFEST).contributions
-    (writer,), (reader,) = contributions.writers, contributions.readers
+    (writer, _), (reader,) = contributions.writers, contributions.readers
     offered = [each.suffix for each in WRITERS]
     assert writer.filename_extensions == offered
     assert {"." + pattern.rpartition(".")[2] for pattern in reader.filename_patterns} == {
@@ -360,6 +360,23 @@ def test_through_the_window(
             opened.data_to_world(there[-1])[-2:],
             viewer.layers["film curves"].data_to_world(curve[-1])[-2:],
         )
+
+
+def test_all_layers_are_saved_though_some_are_vectors(
+    viewer: Any, dock: SplinesketchDock, tmp_path: Path, npe2pm: Any
+) -> None:
+    for each in ("napari", PLUGIN):
+        npe2pm.register(PluginManifest.from_distribution(each))
+    viewer.add_image(np.random.default_rng(0).random((96, 128)), name="worms")
+    viewer.add_shapes([LINES[0][:, 1:]], shape_type="line", name="worms sketches")
+    refine(dock)
+    assert any(layer._type_string == "vectors" for layer in viewer.layers)
+    folder = tmp_path / "all"
+    viewer.add_vectors(np.zeros((1, 2, 2)), name="arrows")
+    viewer.layers.save(str(folder))
+    assert notification_manager.records[-1].message.startswith("Left out: arrows. ")
+    written = {path.name for path in folder.iterdir()}
+    assert {"worms.tif", "worms sketches.csv", "worms curves.csv"} <= written
 
 
 @pytest.mark.parametrize(("name", "plugin"), [("film.csv", None), ("film.shapes.csv", "napari")])

@@ -105,6 +105,15 @@ def write(path: str, data: Any, meta: dict[str, Any]) -> list[str]:
     return [named]
 
 
+def write_folder(path: str, layers: Sequence[LayerData]) -> list[str]:
+    """Write a folder as napari does, which takes no vectors: ours show what curves say better."""
+    kept: list[Any] = [layer for layer in layers if layer[2] != "vectors"]
+    others = [meta for _, meta, kind in layers if kind == "vectors"]
+    if left := [m["name"] for m in others if pictures.ROLE not in m["metadata"]]:
+        show_info(f"Left out: {', '.join(left)}. napari's folders hold no vectors.")
+    return npe2.write(path, kept, plugin_name="napari") if kept else []
+
+
 def export(
     path: str | Path, labels: Labels, overwrite: bool, on_progress: OnProgress
 ) -> tuple[str, ...]:
