@@ -114,6 +114,14 @@ def test_a_fractional_frame_is_refused() -> None:
         Label.from_sketch(POINTS, frame=0.5)  # pyright: ignore[reportArgumentType]
 
 
+def test_labels_fill_no_pages_of_a_notebook() -> None:
+    labels = Labels.from_curves([curve(), curve(5.0)], frame=3, shape=(60, 100))
+    said = "Labels(2 labels in 1 frame, scale=None, units=None, shape=(60, 100))"
+    assert repr(labels) == said
+    known = "frame=3, curve=1, status='check', review='open', locked=False"
+    assert repr(labels.labels[1]) == f"Label({known})"
+
+
 def test_a_mask_counts(tmp_path) -> None:
     values = np.ma.masked_array([1, 2, 3], [False, True, False])
     label = Label(0, 0, np.eye(3, 2), values, values, "good")

@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from napari_splinesketch.engine.types import POINTS, Array, Curve
+from napari_splinesketch.files import counted
 
 LabelStatus = Literal["good", "check", "failed", "sketch"]
 STATUSES: tuple[LabelStatus, ...] = get_args(LabelStatus)
@@ -42,11 +43,11 @@ class Label:
     """Index of the image in its stack, from 0."""
     curve: int
     """Identity of the body: the same number in every frame it is seen in; from 0."""
-    points: Float[Array, "N 2"]
+    points: Float[Array, "N 2"] = field(repr=False)
     """(N, 2), N >= 2: the centreline, row and col, px."""
-    half_width: Float[Array, " N"]
+    half_width: Float[Array, " N"] = field(repr=False)
     """(N,): distance from the centreline to the body's edge, px; NaN where not known."""
-    sd: Float[Array, " N"]
+    sd: Float[Array, " N"] = field(repr=False)
     """(N,): standard error of `points` along the normal, px; infinite where not known."""
     status: LabelStatus
     """Result of the refinement, or "sketch" for a line that was not refined."""
@@ -145,6 +146,12 @@ class Labels:
                     "give every body of a frame its own identity"
                 )
             seen.add((label.frame, label.curve))
+
+    def __repr__(self) -> str:
+        """Say what they are: the labels themselves would fill pages of a notebook."""
+        count, frames = len(self.labels), len({label.frame for label in self.labels})
+        about = f"scale={self.scale}, units={self.units!r}, shape={self.shape}"
+        return f"Labels({counted(count, 'label')} in {counted(frames, 'frame')}, {about})"
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Tell pickle how to make them anew: it cannot copy a mapping that does not change."""
