@@ -75,6 +75,9 @@ def test_frames_may_be_arrays_and_other_things_are_refused_in_words() -> None:
     assert colour.error.startswith("image has shape (60, 80, 3); give one 2-D grey image")
     with pytest.raises(ValueError, match=r"start has Curve.*; give bodies"):
         list(follow([1], [curve(LINE)], bright))  # pyright: ignore[reportArgumentType]
+    twice = [Body(7, ((0, curve(line)),)) for line in (LINE, LINE + 20)]
+    with pytest.raises(ValueError, match="start has two bodies 7; give each its own number"):
+        list(follow([1], twice, bright))
 
 
 def known(start: dict[int, list[tuple[int, Curve]]]) -> list[Body]:

@@ -79,6 +79,8 @@ def follow(
     for body in start:
         if not isinstance(body, Body):
             raise ValueError(f"start has {short(body)}; give bodies: Body(0, ((frame, curve),))")
+        if body.id in bodies:
+            raise ValueError(f"start has two bodies {body.id}; give each its own number")
         if body.seen and body.length > 0:
             bodies[body.id] = body
     if refine is None:
