@@ -42,7 +42,7 @@ def test_frames_without_a_curve_are_said() -> None:
 
 
 def test_what_is_no_body_over_time_is_refused_in_words() -> None:
-    for curves in ({}, [arc()], {0: np.eye(2)}):
+    for curves in ({}, [arc()], {0: np.eye(2)}, {0.0: arc(), 1.0: arc(0.1)}):
         with pytest.raises(ValueError, match="give the curves of one body, by frame"):
             kymograph(curves)  # pyright: ignore[reportArgumentType]
     for points in (1, 50.0):

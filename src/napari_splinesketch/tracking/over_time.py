@@ -42,8 +42,10 @@ def kymograph(curves: Mapping[int, Curve], points: int = 100) -> Kymograph:
         Along the body, at least 2.
     """
     known = isinstance(curves, Mapping) and all(isinstance(c, Curve) for c in curves.values())
-    if not (known and curves):
-        raise ValueError(f"curves is {short(curves)}; give the curves of one body, by frame")
+    if not (known and curves and all(isinstance(frame, Integral) for frame in curves)):
+        raise ValueError(
+            f"curves is {short(curves)}; give the curves of one body, by frame: whole numbers"
+        )
     if not isinstance(points, Integral) or points < 2:
         raise ValueError(f"points is {points!r}; give a whole number of points, from 2")
     frames = np.arange(min(curves), max(curves) + 1)
