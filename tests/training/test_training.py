@@ -107,6 +107,8 @@ def test_a_part_is_read_alone_and_frames_are_in_one(folder: Path) -> None:
     parts = [set(read_training(folder, part).frames) for part in ("train", "val", "test")]
     assert [len(part) for part in parts] == [12, 4, 4]
     assert set.union(*parts) == set(range(20)) == set(read_training(folder).frames)
+    with pytest.raises(TypeError, match=r"place of a frame is slice\(0, 2, None\); give one whole"):
+        read_training(folder)[0:2]  # pyright: ignore[reportArgumentType]
 
 
 def test_the_manifest_fits_its_schema_and_tells_the_truth(tmp_path: Path, folder: Path) -> None:
@@ -185,6 +187,8 @@ def test_labels_are_taken_as_they_are_written(tmp_path: Path, folder: Path) -> N
 
 
 def test_which_curves_are_kept_is_one_of_two(tmp_path: Path, folder: Path) -> None:
+    with pytest.raises(ValueError, match=r"take all that are good \(keep='good', --keep good\)"):
+        export_training(folder, IMAGES, [body(0, 4, 10)])
     keep: Any = "Accepted"
     with pytest.raises(ValueError, match="keep is 'Accepted'; choose one of accepted, good"):
         export_training(folder, IMAGES, REVIEWED, keep=keep)

@@ -147,7 +147,7 @@ def _frames(source: ByFrame, keep: Keep, whole_frames: bool) -> Int[Array, " F"]
     if keep == "accepted" and not accepted:
         raise ValueError(
             "no curve is accepted; accept some in the window and export them, as labels CSV "
-            "for instance, or take all that are good (--keep good)"
+            "for instance, or take all that are good (keep='good', --keep good)"
         )
     raise ValueError("no frame has curves to learn from; accept or refine more of them")
 

@@ -5,6 +5,7 @@ import os
 from collections.abc import Callable, Mapping
 from csv import DictReader
 from dataclasses import dataclass
+from numbers import Integral
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -54,6 +55,8 @@ class TrainingSet:
 
     def __getitem__(self, index: int) -> Sample:
         """Read a frame, by its place in `frames`."""
+        if not isinstance(index, Integral):
+            raise TypeError(f"the place of a frame is {index!r}; give one whole number")
         frame = self.frames[index]
         name = file_name(frame)
         with np.load(self.folder / "splines" / f"{name}.npz", allow_pickle=False) as splines:
