@@ -59,6 +59,11 @@ def joined(curve: Curve, other: Curve) -> Curve:
     mine, theirs = np.unravel_index(apart.argmin(), apart.shape)
     first = curve if mine else flipped(curve)
     second = flipped(other) if theirs else other
+    # Where one lies over the other, the second goes on from where the first ends.
+    begin, off = nearest(second, first.points[-1])
+    if max(off, nearest(first, second.points[0])[1]) < body_width(first) / 2:
+        along = {name: getattr(second, name)[begin:] for name in ("points", "half_width")}
+        second = replace(second, **along)
     made = _fitted([first, second])
     return made if mine else flipped(made)
 

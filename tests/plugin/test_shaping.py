@@ -68,6 +68,15 @@ def test_two_are_joined_by_their_nearest_ends(turn: str) -> None:
     np.testing.assert_allclose(whole.points[[0, -1]], expected[[0, -1]], atol=0.1)
 
 
+@pytest.mark.parametrize("turned", [False, True])
+def test_two_that_lie_over_each_other_do_not_fold(turned: bool) -> None:
+    curve = bent()
+    first, second = shaping.split(curve, 60)[0], shaping.split(curve, 40)[1]
+    whole = shaping.joined(first, shaping.flipped(second) if turned else second)
+    assert whole.length == pytest.approx(curve.length, rel=0.01)
+    assert np.abs(whole.points - curve.points).max() < 1.0
+
+
 @given(curves, st.booleans(), st.floats(2, 12))
 def test_an_end_goes_on_along_its_tangent(curve: Curve, at_end: bool, by: float) -> None:
     made = shaping.extended(curve, at_end, by)
