@@ -129,6 +129,7 @@ def test_what_cannot_be_read_whole_is_refused(tmp_path: Path) -> None:
 WRONG = {
     "flat": (np.ones(4), r"shape \(4,\)"),
     "three coordinates": (np.ones((2, 3, 4, 3)), "expected numbers of shape"),
+    "one line": (np.ones((4, 2)), r"of shape \(splines, points, 2\) or \(frames, splines, points"),
     "words": (np.full((2, 3, 4, 2), "x"), "expected numbers"),
     "complex": (np.ones((2, 3, 4, 2), complex), "expected numbers"),
     "far": (np.full((1, 1, 3, 2), 1e12), "frame 0, spline 0: .*within"),

@@ -33,7 +33,8 @@ def read(source: Source) -> Iterator[Label]:
         array = _array(source.path)
     if not _is_splines(array.shape) or array.dtype.kind not in "fiu":
         reason = f"array of shape {array.shape} and type {array.dtype}; expected numbers of shape "
-        raise source.error(f"{reason}(frames, splines, points, 2), (x, y) last")
+        shapes = "(splines, points, 2) or (frames, splines, points, 2)"
+        raise source.error(f"{reason}{shapes}, (x, y) last")
     film = array if array.ndim == 4 else array[None]
     for frame, splines in enumerate(film if film.size else ()):
         for number, spline in enumerate(splines):
