@@ -173,6 +173,28 @@ def test_work_stays_beside_an_image_that_a_script_opened_and_left(
     assert '"sketches": 3' in saved.read_text()
 
 
+def test_work_on_other_pixels_of_an_image_is_found_with_them(qapp: Any, fake: FakeEngine) -> None:
+    home = Path(os.environ["XDG_DATA_HOME"]) / "napari-splinesketch" / "sessions"
+    with bench() as made:
+        image = made.image()
+        layer = made.sketches()
+        made.refine()
+        made.saver.flush()
+        first: Any = image.data
+        for some in range(3):  # as a filter does that is tried out, or a camera
+            image.data = first + some
+            made.saver.flush()
+        assert len(sessions(home)) == 1, "nothing new was done"
+        layer.add_paths([[[5, 10], [5, 60]]])
+        made.refine()
+    assert len(sessions(home)) == 2
+    for there, known in ((first + 2, 3), (first, 2)):
+        with bench() as again:
+            again.viewer.add_image(there, name="another name")
+            again.resume()
+            assert len(again.controller.records()) == known
+
+
 def test_a_film_opens_where_work_begins(viewer: Any, dock: SplinesketchDock) -> None:
     image = viewer.add_image(np.zeros((9, 40, 50)), name="film")
     assert viewer.dims.current_step[0] == 0, "not in the middle"

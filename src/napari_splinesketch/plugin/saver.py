@@ -49,6 +49,7 @@ class Home:
     found: dict[Path, Head] = field(default_factory=dict)  # what was saved of it
     unread: str = ""  # why something that was saved could not be read
     place: Path | None = None  # of new sessions, once the image was looked at
+    pixels: Any = None  # those that were looked at: with others, it is another image
     unsaved: str = ""  # why not all is written
     job: engine.Job | None = None  # who looks or writes now, in a thread
 
@@ -80,12 +81,12 @@ class Home:
                     found[folder] = head
         source, shape = str(path) if path else None, [int(n) for n in pixels.shape]
         self.about = {"name": name, "path": source, "shape": shape, "sha256": checksum}
-        self.found, self.place = found, parents[0] / called
+        self.found, self.place, self.pixels = found, parents[0] / called, pixels
 
     def save(self, image: Sequence[Any], orders: Sequence[tuple[Folder, Session]]) -> Self:
-        """Look at the image, once, and write what was ordered; to be called in a thread."""
+        """Look at the image, if its pixels are new, and write what was ordered; in a thread."""
         try:
-            if self.place is None:
+            if self.pixels is not image[2]:
                 self._look(*image)
         except Exception as error:
             self.unsaved = f"{image[0]} could not be read, and work on it is not saved: {error}."
@@ -303,10 +304,10 @@ class Saver(QObject):
     def _task(self, image: Image, home: Home) -> Callable[[], Home] | None:
         """Take a snapshot of what is to be found out about an image, and written of it."""
         works = [work for work in self._controller.works if work.image is image and work.begun]
-        if not self._settings.save_work or (home.place and not works):
+        pixels = image.data[-1] if image.multiscale else image.data  # pyright: ignore
+        if not self._settings.save_work or (home.pixels is pixels and not works):
             return None
         path = Path(image.source.path).absolute() if image.source.path else None
-        pixels = image.data[-1] if image.multiscale else image.data  # pyright: ignore
         about = image.name, path, pixels, image.ndim - 2, self._settings.work_folder
         orders = [(work.folder, _session(work)) for work in works]
         # The thread changes a copy: the window learns all of it when it is done.
