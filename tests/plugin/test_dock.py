@@ -392,21 +392,23 @@ def test_the_eye_buttons_and_the_layers_agree(viewer: Any, dock: SplinesketchDoc
 
 
 @pytest.mark.window
+@pytest.mark.parametrize("hidden", ["curves", "outlines"])
 def test_curves_that_are_hidden_can_be_worked_on(
-    viewer: Any, dock: SplinesketchDock, fake: FakeEngine
+    viewer: Any, dock: SplinesketchDock, fake: FakeEngine, hidden: str
 ) -> None:
     fake.changes = {i: {"status": "check", "reasons": ("it is short",)} for i in (0, 1)}
     sketched(viewer)
     refine(dock)
     marks = viewer.layers["cells marks"]
     until(lambda: len(marks.data) == 2)
-    viewer.layers["cells curves"].visible = False
+    viewer.layers[f"cells {hidden}"].visible = False
     dock.controller.delete((0, 1))
     rest(dock)
     until(lambda: not dock.controller.drawing.runs)
     assert dock.notice.text() == ""
-    viewer.layers["cells curves"].visible = True
+    viewer.layers[f"cells {hidden}"].visible = True
     assert len(marks.data) == 1
+    assert len(outlines(viewer.layers["cells outlines"])) == 1
 
 
 @pytest.mark.slow

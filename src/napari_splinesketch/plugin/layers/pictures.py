@@ -132,6 +132,8 @@ class Slot:
             if self.maker.kind is Points:  # napari keeps the numbers of points that are gone
                 layer.selected_data = set()
             layer.data, self._grid = made.data, made.grid
+            if self.maker.kind is Vectors and not layer.visible:
+                layer.set_view_slice()  # napari keeps the numbers of those that are gone here, too
             if made.grid is not None:
                 self.place()
             for name, value in made.always.items():
