@@ -299,6 +299,24 @@ def test_curves_that_come_while_the_view_is_3d_are_shown_in_2d(
     until(lambda: "worms curves" in viewer.layers and viewer.layers["worms curves"].nshapes == 2)
 
 
+@pytest.mark.parametrize("hidden_in", [2, 3])
+def test_curves_that_were_hidden_while_the_view_was_turned_are_changed(
+    viewer: Any, dock: SplinesketchDock, fake: FakeEngine, running: Any, hidden_in: int
+) -> None:
+    finish(dock, fake)
+    until(lambda: not dock.controller.drawing.runs)
+    viewer.dims.ndisplay = hidden_in
+    viewer.layers["film curves"].visible = False
+    viewer.dims.ndisplay = 5 - hidden_in
+    dock.controller.selected = (1, 1)
+    dock.controller.actions.run("flip")
+    until(lambda: not dock.controller.drawing.runs)
+    assert dock.controller.notice.text == ""
+    assert viewer.layers["film curves"].nshapes == 2
+    viewer.layers["film curves"].visible = True
+    viewer.dims.ndisplay = 2
+
+
 def test_nothing_is_cut_or_extended_where_the_pointer_shows_no_place(
     viewer: Any, dock: SplinesketchDock, fake: FakeEngine, running: Any
 ) -> None:

@@ -150,6 +150,8 @@ def add_shapes(
             part = slice(start, start + CHUNK)
             some: dict[str, Any] = {"shape_type": list(kinds[part])}
             some |= {k: v[part] if isinstance(v, list | np.ndarray) else v for k, v in look.items()}
+            if not layer.visible:  # napari has not turned it to 3-D or back with the view
+                layer.set_view_slice()
             layer.add(list(islice(made, CHUNK)), **some)
             yield part
     finally:
