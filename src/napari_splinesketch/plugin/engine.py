@@ -168,7 +168,7 @@ class Job(QObject):
 
     def wait(self) -> None:
         """Let the window stand still until it is done, and tell what came of it."""
-        self._worker.join(PATIENCE)
+        self._worker.join()
         self._look()
 
     def _look(self) -> None:
