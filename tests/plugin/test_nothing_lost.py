@@ -126,13 +126,12 @@ def test_a_folder_that_is_away_is_said_and_never_stops_the_dock(home: Path) -> N
         first.image()
         layer = first.sketches()
         until(lambda: counts(home) == [(2, 0)], SOON)
-        (away,) = saved_files(home, HEADS)
-        back = away.parent.rename(home / "away")
+        away = home.rename(home.with_name("away"))
         layer.add_paths([LINES[0] + 9])
         until(lambda: "could not be saved" in first.saver.problem, SOON)
-        back.rename(away.parent)
+        away.rename(home)
         until(lambda: counts(home) == [(3, 0)], SOON)
-        away.parent.rename(home / "away")
+        home.rename(away)
     assert not counts(home), "and the dock is closed"
 
 
@@ -453,17 +452,18 @@ def test_flat_lines_over_a_turned_film_come_back_where_they_were(home: Path, tur
         assert not again.controller.request().targets
 
 
+@pytest.mark.parametrize("inner", [False, True])
 @pytest.mark.parametrize("renamed", [False, True])
 def test_a_folder_that_is_deleted_or_renamed_is_written_anew(
-    home: Path, tmp_path: Path, renamed: bool
+    home: Path, tmp_path: Path, renamed: bool, inner: bool
 ) -> None:
     path = tmp_path / "worms.tif"
     with bench() as first:
         begin_on(first, path)
         first.saver.flush()
-        (beside,) = tmp_path.glob("*.splinesketch")
+        (beside,) = tmp_path.glob("*.splinesketch/1" if inner else "*.splinesketch")
         if renamed:
-            beside.rename(tmp_path / "mine.splinesketch")
+            beside.rename(beside.with_name("mine.splinesketch"))
         else:
             shutil.rmtree(beside)
         first.controller.review("accepted", (0, 1))

@@ -272,12 +272,12 @@ class Folder:
     def write(self, session: Session, parent: Path | None = None) -> None:
         """Bring the files in step with a session."""
         files, known, numbers = _files_of(session), self._written, count(1)
-        gone = self.path and not self.path.parent.exists() and self.path.parent.parent.is_dir()
+        gone = self.path and not self.path.exists() and self.path.parent.parent.is_dir()
         other = self.head and self.head.image.get("sha256") != session.image.get("sha256")
         if other and files == known:  # a camera shows other pixels all the time
             return
         if gone or other:
-            # Somebody has deleted or renamed the folder beside the image, or it has other pixels:
+            # Somebody has deleted or renamed it, or what it lies in, or the image has other pixels:
             # all is written anew.
             self.after, self.path = self.moved().after, None
             known.clear()
