@@ -476,6 +476,17 @@ def test_a_folder_that_is_deleted_or_renamed_is_written_anew(
         assert len(again.controller.layers(Shapes)) == 1
 
 
+def test_a_place_that_is_a_link_to_nowhere_is_said(home: Path, tmp_path: Path) -> None:
+    home.parent.mkdir(parents=True)
+    home.symlink_to(tmp_path / "drive")
+    with bench() as first:
+        first.begin()
+        until(lambda: str(home) in first.saver.problem, SOON)
+        (tmp_path / "drive").mkdir()
+        until(lambda: not first.saver.problem, SOON)
+    assert counts(home) == [(2, 2)]
+
+
 def test_a_file_that_is_deleted_is_written_again(home: Path) -> None:
     with bench() as first:
         first.image((2, 96, 128))

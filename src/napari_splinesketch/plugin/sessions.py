@@ -283,8 +283,9 @@ class Folder:
             known.clear()
         while self.path is None:
             path = (parent or Path()) / str(next(numbers))
+            path.parent.mkdir(parents=True, exist_ok=True)
             with suppress(FileExistsError):
-                path.mkdir(parents=True)
+                path.mkdir()
                 self._lock.enter_context(owned(path))
                 self.path = path
         there = {file.name for file in self.path.iterdir()}
