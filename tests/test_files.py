@@ -144,14 +144,18 @@ def test_a_full_disk_names_the_file_and_the_remedy(error: Exception, inside: Pat
         assert caught.value.filename == os.path.realpath("a.csv")
 
 
-def test_a_disk_without_room_for_the_owner_is_said(
+def test_a_disk_without_room_for_the_owner_keeps_others_away_all_the_same(
     inside: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def full(*given: object) -> None:
         raise FULL["a number"]
 
     monkeypatch.setattr(os, "write", full)
-    with pytest.raises(OSError, match="no space left on the disk; make some"), owned("a.csv"):
+    with (
+        owned("a.csv"),
+        pytest.raises(BusyError, match="being written by another process; wait"),
+        owned("a.csv"),
+    ):
         pass
     assert not os.listdir()
 

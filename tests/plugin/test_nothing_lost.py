@@ -1,5 +1,6 @@
 """Nothing that the user had is gone: saving, closing, resuming, two windows, damaged files."""
 
+import errno
 import gc
 import json
 import os
@@ -485,6 +486,23 @@ def test_a_place_that_is_a_link_to_nowhere_is_said(home: Path, tmp_path: Path) -
         (tmp_path / "drive").mkdir()
         until(lambda: not first.saver.problem, SOON)
     assert counts(home) == [(2, 2)]
+
+
+def test_a_full_disk_is_not_filled_with_folders(
+    home: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*given: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with bench() as first, monkeypatch.context() as patch:
+        patch.setattr(os, "write", full)
+        patch.setattr(folder, "atomic", full)
+        first.begin()
+        until(lambda: first.saver.problem, SOON)
+        QTest.qWait(5 * saver.AGAIN_MS)
+        (there,) = home.glob("*.splinesketch/*[0-9]")
+        patch.undo()
+    assert [path.parent for path in saved_files(home, HEADS)] == [there]
 
 
 def test_a_file_that_is_deleted_is_written_again(home: Path) -> None:
