@@ -505,6 +505,27 @@ def test_a_full_disk_is_not_filled_with_folders(
     assert [path.parent for path in saved_files(home, HEADS)] == [there]
 
 
+@pytest.mark.parametrize("left", [b"", b'{"software": "napari', None])
+def test_a_folder_without_a_whole_head_is_offered(home: Path, left: bytes | None) -> None:
+    with bench() as first:
+        first.begin()
+    (head,) = saved_files(home, HEADS)
+    head.unlink()  # as it is while a folder is first written
+    if left is not None:
+        head.write_bytes(left)
+    files = {path: path.read_bytes() for path in saved_files(home)}
+    with bench() as again:
+        again.image()
+        again.resume()
+        assert "session.json" in again.controller.notice.text
+        assert len(again.controller.records()) == again.controller.layers(Shapes)[0].nshapes == 2
+    assert files.items() <= {path: path.read_bytes() for path in saved_files(home)}.items()
+    with bench() as last:
+        last.image()
+        until(lambda: last.saver.place, SOON)
+        assert len(last.saver.offers()) == 1
+
+
 def test_a_file_that_is_deleted_is_written_again(home: Path) -> None:
     with bench() as first:
         first.image((2, 96, 128))

@@ -77,7 +77,7 @@ class Home:
             except (OSError, LabelsError) as error:
                 self.unread = f"Saved work could not be read, and stays where it is: {error}."
             else:
-                if head and head.image.get("sha256") == checksum:
+                if head and head.image.get("sha256", checksum) == checksum:
                     found[folder] = head
         source, shape = str(path) if path else None, [int(n) for n in pixels.shape]
         self.about = {"name": name, "path": source, "shape": shape, "sha256": checksum}

@@ -6,6 +6,7 @@ they may hold, and whatever is wrong is a `LabelsError` that names file and plac
 
 import json
 import re
+import sys
 import zipfile
 from binascii import a2b_base64, b2a_base64
 from collections.abc import Mapping, Sequence
@@ -35,6 +36,7 @@ VERTICES = {"line": range(2, 3), "path": range(2, 2**31), "polygon": range(3, 2*
 """The kinds of shapes that napari has, and how many vertices they may have."""
 LONGEST_NAME = 1000  # of a layer, letters
 HEAD = "session.json"
+NEWER = "was written by a newer version; update napari-splinesketch"
 FRAME = re.compile(r"frame-(\d{1,18}|every)\.(json|npz)")
 
 
@@ -195,7 +197,7 @@ class Head(_File):
     @classmethod
     def _is_known(cls, number: int) -> int:
         if number > FORMAT:
-            raise ValueError("was written by a newer version; update napari-splinesketch")
+            raise ValueError(NEWER)
         return number
 
 
@@ -324,10 +326,22 @@ def _read_patch(path: Path, size: tuple[int, int]) -> Patch:
     return Patch(Grid(place[0], place[1]), pixels, background)
 
 
+def head_of(path: Path) -> Head:
+    """Read a head, or count what the pages hold where it is damaged or gone, but not if newer."""
+    try:
+        return Head.read(path / HEAD)
+    except (FileNotFoundError, LabelsError) as error:
+        head = Head.of(read(path, sys.maxsize, (0, 0))[0], ())
+        if NEWER in str(error) or not (head.sketches or head.curves):
+            raise
+        saved = datetime.fromtimestamp(path.stat().st_mtime, UTC)
+        return head.model_copy(update={"saved": saved})
+
+
 def summary(path: Path) -> Head | None:
     """Say what a folder holds; None where there is nothing, LabelsError where it cannot be read."""
     try:
-        head = Head.read(path / HEAD)
+        head = head_of(path)
     except (FileNotFoundError, NotADirectoryError):
         return None
     return head if head.sketches or head.curves else None
@@ -338,8 +352,13 @@ def read(path: Path, frames: int, size: tuple[int, int]) -> tuple[Session, tuple
 
     A damaged file costs its own frame, not the others.
     """
-    head, problems = Head.read(path / HEAD), list[str]()
+    layer, image, problems = "saved work", dict[str, object](), list[str]()
     pages, patches = dict[int, Page](), dict[int, Patch]()
+    try:
+        head = Head.read(path / HEAD)
+        layer, image = head.layer, head.image
+    except (OSError, LabelsError) as error:
+        problems.append(f"{error}.")
     for file in sorted(path.glob("*.json")):
         if (found := FRAME.fullmatch(file.name)) is None:
             continue
@@ -357,7 +376,7 @@ def read(path: Path, frames: int, size: tuple[int, int]) -> tuple[Session, tuple
     deleted: Any = [record for page in pages.values() for record in page.deleted]
     notes = {frame: page.notes for frame, page in pages.items() if page.notes}
     state = State(tuple(records), {}, tuple(deleted), patches, notes)
-    return Session(head.layer, head.image, drawn, state), tuple(problems)
+    return Session(layer, image, drawn, state), tuple(problems)
 
 
 def reopen(
@@ -373,7 +392,7 @@ def reopen(
     except OSError:
         folder = Folder()
     try:
-        head, (session, unread) = Head.read(path / HEAD), read(path, frames, size)
+        head, (session, unread) = head_of(path), read(path, frames, size)
     except (OSError, LabelsError) as error:
         folder.release()
         problems.append(f"{error}.")
