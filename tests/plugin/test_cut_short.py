@@ -128,7 +128,7 @@ def test_a_curve_of_two_knots_is_moved(film: Bench, fake: FakeEngine) -> None:
     until(lambda: film.controller.state.by_key[2, 3].curve.knots[1, 0] == 25, SOON)
 
 
-@pytest.mark.parametrize("command", ["split", "extend"])
+@pytest.mark.parametrize("command", ["split", "extend", "flip", "lock", "delete", "knots"])
 def test_a_curve_of_another_frame_is_not_changed(film: Bench, command: str) -> None:
     image: Any = film.controller.image
     film.controller.selected = (2, 3)
@@ -137,3 +137,30 @@ def test_a_curve_of_another_frame_is_not_changed(film: Bench, command: str) -> N
     film.controller.actions.run(command)
     assert film.controller.notice.text == "Curve 3 is in frame 2: go there first."
     assert film.controller.state.records == before
+    film.controller.delete()
+    assert film.controller.state.records == before, "nor by Delete in the layer of curves"
+    film.viewer.cursor.position = (0, 20, 40)
+    film.controller.actions.run(command)
+    assert film.controller.selected in ((0, 1), None), "what is pointed at in view is meant"
+    assert film.controller.state.by_key[2, 3] == before[2]
+
+
+def test_a_curve_is_seen_before_it_is_judged(film: Bench) -> None:
+    controller, image = film.controller, film.controller.image
+    assert image is not None
+    controller.selected = (2, 3)
+    go_to_frame(film.viewer, image, 0)
+    controller.actions.run("accept")
+    assert (controller.frame, controller.selected) == (2, (2, 3))
+    assert {record.review for record in controller.records()} == {"open"}
+    controller.actions.run("accept")
+    assert controller.state.by_key[2, 3].review == "accepted"
+
+
+def test_a_restored_curve_is_shown(film: Bench) -> None:
+    controller, image = film.controller, film.controller.image
+    assert image is not None
+    controller.delete((2, 3))
+    go_to_frame(film.viewer, image, 0)
+    controller.actions.run("restore")
+    assert (controller.frame, controller.selected) == (2, (2, 3))

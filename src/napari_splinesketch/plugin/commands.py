@@ -90,12 +90,9 @@ def _shape(verb: str, change: Callable[..., list[Record]]) -> Callable[[Controll
 
 
 def _place_beside(c: Controller, record: Record) -> np.ndarray:
-    """Where the pointer is, px, if the curve is in view; for a button, where it was clicked."""
+    """Where the pointer is, px; for a button, where the curve was clicked."""
     if problem := space.plane_problem(c.viewer, c.image):
         raise ValueError(problem)
-    if record.frame != c.frame:
-        there = space.times_of(c.image).place(record.frame)
-        raise ValueError(f"Curve {record.id} is in frame {there}: go there first.")
     if c.actions.by_button and not _reached(record, c.clicked):
         raise ValueError("Click the curve there first, or point there and press the key.")
     return c.clicked if c.actions.by_button else _place(c)
@@ -125,14 +122,25 @@ def _empty(c: Controller) -> str:
     return "" if c.records() else "There are no curves yet: refine first"
 
 
+def _restore(c: Controller) -> None:
+    c.restore()
+    if c.unseen and c.selected:
+        go_to(c, c.selected)
+
+
 def worst_first(records: Sequence[Record]) -> list[Record]:
     """Give curves in the order in which they need review."""
     return sorted(records, key=lambda record: looks.severity(record.curve), reverse=True)
 
 
 def judge(controller: Controller, review: Review | None = None) -> None:
-    """Say what the user thinks of the selected curves, and go on to the next open one, if any."""
+    """Say what the user thinks of the selected curves, and go on to the next open one, if any.
+
+    Of a curve that is not in view nothing is said: it is shown first.
+    """
     order, chosen = controller.order(controller.records()), set(controller.selection)
+    if review and controller.unseen:
+        return go_to(controller, min(chosen))
     if review and chosen:
         controller.review(review)
     now = controller.state.by_key
@@ -196,7 +204,7 @@ COMMANDS = (
             label=lambda c: "Unlock" if _all_locked(c) else "Lock"),
     Command("delete", "Delete", "Shift+Q", lambda c: c.delete(),
             "Delete the selected curves; their lines stay", "curve", ANY),
-    Command("restore", "Restore", "Shift+W", lambda c: c.restore(),
+    Command("restore", "Restore", "Shift+W", _restore,
             "Bring the last deleted curve back", "curve",
             problem=lambda c: "" if c.state.deleted else "No curve is deleted"),
     Command("undo", "Undo", "Ctrl+Z", lambda c: c.undo(), "Undo the last step", "steps",
@@ -250,11 +258,17 @@ class Commands:
         self.rebind({})
 
     def run(self, name: str, *, by_button: bool = False) -> None:
-        """Do it, to the curve that is pointed at where none is selected; or say why not."""
+        """Do it, to the curve that is pointed at where none in view is selected; or say why not."""
         command, c, self.by_button = self.table[name], self._controller, by_button
         unselected = f"Select {command.curves}"
-        if self.problem(name) == unselected and not c.selection:
+        if (
+            command.curves
+            and self.problem(name) in (unselected, c.unseen)
+            and (c.unseen or not c.selection)
+        ):
+            before = c.selection
             pick(c)
+            c.select(c.selection or before)
         problem = self.problem(name)
         if problem == unselected:
             two = command.curves == TWO
@@ -276,6 +290,8 @@ class Commands:
             return ""
         if c.progress and not command.meanwhile:
             return RUNNING
+        if command.curves and c.unseen:
+            return c.unseen
         number = len(c.selection) if command.curves else 0
         enough = {"": True, ANY: number > 0, ONE: number == 1, TWO: number == 2}[command.curves]
         return command.problem(c) or ("" if enough else f"Select {command.curves}")

@@ -18,7 +18,7 @@ from napari_splinesketch.plugin import choices, files, words
 from napari_splinesketch.plugin.layers.drawn import Drawn, drawing, drawn_in
 from napari_splinesketch.plugin.layers.pictures import Drawing, is_result
 from napari_splinesketch.plugin.layers.results import ORIGIN, WORKS, Work, origin_of
-from napari_splinesketch.plugin.layers.space import current_frame, ruler_of
+from napari_splinesketch.plugin.layers.space import current_frame, ruler_of, times_of
 from napari_splinesketch.plugin.model import Changes, History, Key, Record, Review, State, key_of
 
 if TYPE_CHECKING:
@@ -185,6 +185,17 @@ class Keeper:
                 # The line drawn last, unseen: Delete would take it where a curve is meant.
                 work.sketches.selected_data = set()
 
+    @property
+    def unseen(self) -> str:
+        """Say which frame to go to, where no selected curve is in the one in view."""
+        chosen, image = self.selected_records(), self.image
+        if not (chosen and image) or self.viewer.dims.ndisplay > 2:
+            return ""
+        if any(record.frame == self.frame for record in chosen):
+            return ""
+        frame = times_of(image).place(chosen[0].frame)
+        return f"Curve {chosen[0].id} is in frame {frame}: go there first."
+
     def say(self, text: str) -> None:
         """Tell the user why something was not done."""
         self.tell(text, "failed")
@@ -235,7 +246,9 @@ class Keeper:
     def delete(self, *keys: Key) -> None:
         """Delete curves, those selected if none are named; not if one of them is locked."""
         chosen = keys or self.selection
-        if locked := [r for r in self.records() if r.locked and key_of(r) in chosen]:
+        if not keys and self.unseen:
+            self.say(self.unseen)
+        elif locked := [r for r in self.records() if r.locked and key_of(r) in chosen]:
             self.say(words.locked(locked))
         else:
             self._change("Delete", State.without, *keys)

@@ -114,7 +114,7 @@ class CurvesModel(QtCore.QAbstractTableModel):
         rows = [record for record in records if FILTERS[shown](record, frame)]
         reverse, rank = order == Qt.SortOrder.DescendingOrder, columns.SHOWN[at].rank
         rows.sort(key=lambda record: rank(record, self.ruler, self.beside), reverse=reverse)
-        if list(map(key_of, rows)) == list(map(key_of, self.records)):
+        if rows and list(map(key_of, rows)) == list(map(key_of, self.records)):
             self.records = rows
             last = self.index(len(rows) - 1, self.columnCount() - 1)
             self.dataChanged.emit(self.index(0, 0), last)
