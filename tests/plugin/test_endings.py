@@ -148,11 +148,11 @@ def test_cancel_ends_an_export_within_a_large_mask(
     monkeypatch.setattr(raster, "rasterise", counted)
     labels = Labels((WIDE,), shape=(3072, 3072))
     with pytest.raises(files.CancelledError):
-        files.export(tmp_path / "a.masks.tif", labels, False, until_there)
+        files.export(tmp_path / "a.masks.tif", labels, until_there)
     cancelled, drawn[:] = len(drawn), []
     assert shares == sorted(shares)
     assert not list(tmp_path.iterdir())
-    files.export(tmp_path / "a.masks.tif", labels, False, lambda progress: True)
+    files.export(tmp_path / "a.masks.tif", labels, lambda progress: True)
     assert 8 < cancelled < len(drawn) - 4
 
 
@@ -160,7 +160,7 @@ def test_cancel_ends_an_export_within_a_large_mask(
 def test_cancel_at_the_last_moment_leaves_no_file(tmp_path: Path, ending: str) -> None:
     labels = Labels((WIDE,), shape=(3072, 3072))
     asked: list[Progress] = []
-    files.export(tmp_path / f"a{ending}", labels, False, asked.append)
+    files.export(tmp_path / f"a{ending}", labels, asked.append)
     (tmp_path / f"a{ending}").unlink()
     often, asked[:] = len(asked), []
 
@@ -169,7 +169,7 @@ def test_cancel_at_the_last_moment_leaves_no_file(tmp_path: Path, ending: str) -
         return len(asked) < often
 
     with pytest.raises(files.CancelledError):
-        files.export(tmp_path / f"a{ending}", labels, False, until_the_end)
+        files.export(tmp_path / f"a{ending}", labels, until_the_end)
     assert asked[-1].fraction == 1.0
     assert not list(tmp_path.iterdir())
 

@@ -172,7 +172,8 @@ def test_the_table_goes_elsewhere(
     panel.shown.setCurrentIndex(0)
     panel.shown.activated.emit(0)
     menu.actions()[1].trigger()
-    assert "exists" in dock.notice.text(), "nobody was asked about that name"
+    said = dock.notice.text().replace("\u200b", "")
+    assert "or type image.tif.csv in full to replace it" in said, "nobody was asked about that name"
     assert (tmp_path / "image.tif.csv").read_text(encoding="utf-8") == text
 
 

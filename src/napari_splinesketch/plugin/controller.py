@@ -211,7 +211,7 @@ class Controller(Keeper):
         elif layer is not None:
             drawn.begin_drawing(layer, self.viewer)
 
-    def export(self, path: str | Path, *, overwrite: bool = True) -> None:
+    def export(self, path: str | Path) -> None:
         """Write the curves of all frames to a file, whose ending says the format, in a thread."""
         work, name = self.work, Path(path).name
         if work is None or not work.records or self.progress:
@@ -234,7 +234,7 @@ class Controller(Keeper):
                 text += f"It counts frames over all planes: frame {times.place(frame)} is {frame}. "
             self.finish(f"{text}{words.together(lost)}".rstrip())
 
-        order = partial(files.export, path, labels, overwrite)
+        order = partial(files.export, path, labels)
         self.start(order, done, SAVING, cancelled=lambda: "Nothing was written.")
 
     def close(self) -> None:

@@ -7,7 +7,6 @@ from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
 from html import escape
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from weakref import WeakSet
 
@@ -35,7 +34,6 @@ LINES = 5  # of text that there is always room for above Export, so that nothing
 MORE_LOOK = "QPushButton { padding: 6px 2px; } QPushButton::menu-indicator { width: 0; }"
 KINDS = {f"{writer.name} (*{writer.suffix})": writer.suffix for writer in WRITERS}
 """The formats as a file dialog lists them, the first one proposed, and how their names end."""
-DEFAULT = WRITERS[0].suffix
 NO_NAME = r'[\\/:*?"<>|]'  # in names of layers, but on some system not in those of files
 _open: WeakSet["SplinesketchDock"] = WeakSet()
 
@@ -270,17 +268,9 @@ class SplinesketchDock(qt.QWidget):
     def _ask_where(self) -> None:
         if (image := self.controller.image) is None:
             return
-        name = f"{re.sub(NO_NAME, ' ', image.name)}_labels{DEFAULT}"
-        chosen, kind = ui.ask_where(self, "Export curves", image, name, ";;".join(KINDS))
-        if chosen:
-            path = with_ending(chosen, KINDS.get(kind, DEFAULT))
-            # The dialog has asked about the name as it was typed.
-            if path != chosen and Path(path).exists():
-                name = Path(path).name
-                ways = f"choose another name, or type {name} in full to replace it"
-                self.controller.say(f"Not saved: {name} exists already; {ways}.")
-                return
-            self.controller.export(path, overwrite=path == chosen)
+        name = f"{re.sub(NO_NAME, ' ', image.name)}_labels{WRITERS[0].suffix}"
+        if path := files.ask_where(self, self.controller, "Export curves", name, KINDS):
+            self.controller.export(path)
 
 
 class OfferBox(qt.QFrame):
@@ -310,16 +300,3 @@ class OfferBox(qt.QFrame):
         self.labels.setText(f"Continue with {counted(curves, 'curve')}")
         self.problem.say(words.notice("failed", problem))
         self.setVisible(bool(curves or offers or problem))
-
-
-def with_ending(path: str, suffix: str) -> str:
-    """Give a path the ending of the chosen format, in the place of any that it has.
-
-    A name that ends like another format is left alone while the format is the one proposed.
-    """
-    low, suffixes = path.lower(), set(KINDS.values())
-    known = suffixes | {Path(f"x{each}").suffix for each in suffixes}
-    ending = max((each for each in known if low.endswith(each)), key=len, default="")
-    if low.endswith(suffix) or (suffix == DEFAULT and ending in suffixes):
-        return path
-    return path[: len(path) - len(ending)] + suffix

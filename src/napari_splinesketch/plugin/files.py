@@ -19,7 +19,9 @@ from napari.layers import Image, Shapes
 from napari.plugins._npe2 import get_readers
 from napari.plugins.utils import get_preferred_reader
 from napari.settings import get_settings
+from napari.utils.history import get_save_history, update_save_history
 from napari.utils.notifications import show_info
+from qtpy.QtWidgets import QFileDialog, QWidget
 
 from napari_splinesketch import palette
 from napari_splinesketch.data import load_sample
@@ -41,6 +43,7 @@ from napari_splinesketch.synthetic import rotate, scene
 if TYPE_CHECKING:
     from napari import Viewer
 
+    from napari_splinesketch.plugin.controller import Controller
     from napari_splinesketch.plugin.layers.results import Work
 
 LABELS = "napari-splinesketch labels"  # key of metadata: the labels that a layer was read from
@@ -114,9 +117,44 @@ def write_folder(path: str, layers: Sequence[LayerData]) -> list[str]:
     return npe2.write(path, kept, plugin_name="napari") if kept else []
 
 
-def export(
-    path: str | Path, labels: Labels, overwrite: bool, on_progress: OnProgress
-) -> tuple[str, ...]:
+def ask_where(
+    parent: QWidget, controller: Controller, title: str, name: str, kinds: Mapping[str, str]
+) -> str:
+    """Ask for a file to write, of one of some kinds, each with its ending; nothing if for none.
+
+    It is proposed beside the image's own, or where the last one was saved.
+    """
+    image = controller.image
+    near = Path(image.source.path).parent if image and image.source.path else Path("nowhere")
+    folder = near if near.is_dir() else Path(get_save_history()[0])  # it may come from a server
+    proposed, endings = str(folder / name), [*kinds.values()]
+    chosen, kind = QFileDialog.getSaveFileName(parent, title, proposed, ";;".join(kinds))
+    if chosen:
+        update_save_history(chosen)
+    path = chosen and with_ending(chosen, kinds.get(kind, endings[0]), endings)
+    # The dialog has asked about the name as it was typed.
+    if path == chosen or not Path(path).exists():
+        return path
+    name = Path(path).name
+    ways = f"choose another name, or type {name} in full to replace it"
+    controller.say(f"Not saved: {name} exists already; {ways}.")
+    return ""
+
+
+def with_ending(path: str, suffix: str, suffixes: Sequence[str]) -> str:
+    """Give a path the ending of the chosen format, in the place of any that it has.
+
+    A name that ends like another format is left alone while the format is the first, as proposed.
+    """
+    low = path.lower()
+    known = {*suffixes, *(Path(f"x{each}").suffix for each in suffixes)}
+    ending = max((each for each in known if low.endswith(each)), key=len, default="")
+    if low.endswith(suffix) or (suffix == suffixes[0] and ending in suffixes):
+        return path
+    return path[: len(path) - len(ending)] + suffix
+
+
+def export(path: str | Path, labels: Labels, on_progress: OnProgress) -> tuple[str, ...]:
     """Write labels, in a thread; give what it cannot hold. Cancelled, it writes nothing."""
     steps, reached = count(1), 0.0
 
@@ -128,7 +166,7 @@ def export(
         if on_progress(Progress("writing the file", reached)) is False:
             raise CancelledError
 
-    return write_labels(path, replace(in_frames(labels), tell=tell), overwrite=overwrite)
+    return write_labels(path, replace(in_frames(labels), tell=tell), overwrite=True)
 
 
 def _is_labels(path: str) -> bool:

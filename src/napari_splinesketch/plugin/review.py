@@ -15,7 +15,7 @@ from qtpy.QtGui import QColor, QKeyEvent
 
 from napari_splinesketch import palette
 from napari_splinesketch.files import atomic
-from napari_splinesketch.plugin import choices, columns, words
+from napari_splinesketch.plugin import choices, columns, files, words
 from napari_splinesketch.plugin import widgets as ui
 from napari_splinesketch.plugin.columns import FILM, STATUS, Beside, alone, as_text, beside_of
 from napari_splinesketch.plugin.commands import go_to, worst_first
@@ -275,13 +275,10 @@ class ReviewPanel(qt.QWidget):
         return as_text(model.records, model.ruler, model.beside, separator=mark)
 
     def _ask_where(self) -> None:
-        image, name, kind = self.controller.image, "curves.csv", "CSV (*.csv)"
-        chosen, _ = ui.ask_where(self, "Save the table", image, name, kind)
+        c, kinds = self.controller, {"CSV (*.csv)": ".csv"}
         try:
-            if chosen:
-                path = chosen if chosen.lower().endswith(".csv") else f"{chosen}.csv"
-                # The dialog has asked about the name as it was typed.
-                with atomic(path, overwrite=path == chosen) as temporary:
+            if path := files.ask_where(self, c, "Save the table", "curves.csv", kinds):
+                with atomic(path, overwrite=True) as temporary:
                     temporary.write_text(self._as_text(","), encoding="utf-8")
         except OSError as error:
             self.controller.say(f"The table was not saved: {words.error(error)}.")

@@ -3,13 +3,11 @@
 import math
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 from magicgui.widgets import CheckBox, create_widget
 from napari._app_model import get_app_model
 from napari.layers import Layer, Shapes
-from napari.utils.history import get_save_history, update_save_history
 from qtpy import QtWidgets as qt
 from qtpy.QtCore import QEvent, QObject, QSize, Qt  # pyright: ignore[reportPrivateImportUsage]
 from qtpy.QtGui import QKeyEvent
@@ -73,18 +71,6 @@ def stack(
             row.addWidget(one, isinstance(each, list) or not i)
         column.addLayout(row)
     return column
-
-
-def ask_where(
-    parent: qt.QWidget, title: str, image: Layer | None, name: str, kinds: str
-) -> tuple[str, str]:
-    """Ask for a file to write: proposed beside the image's own, or where the last one was saved."""
-    near = Path(image.source.path).parent if image and image.source.path else Path("nowhere")
-    folder = near if near.is_dir() else Path(get_save_history()[0])  # it may come from a server
-    chosen = qt.QFileDialog.getSaveFileName(parent, title, str(folder / name), kinds)
-    if chosen[0]:
-        update_save_history(chosen[0])
-    return chosen
 
 
 def form(*rows: Any) -> qt.QWidget:
