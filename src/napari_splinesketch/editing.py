@@ -11,6 +11,7 @@ from jaxtyping import Float
 from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.checks import checked_line
 from napari_splinesketch.engine.types import POINTS, Curve
+from napari_splinesketch.geometry import with_width
 
 BY_HAND = "it was changed by hand and not refined since"
 SHORTEST = 4.0
@@ -24,7 +25,7 @@ def moved(curve: Curve, knots: Float[np.ndarray, "K 2"]) -> Curve:
     knots = checked_line(knots, "knots", finite=True)
     if len(knots) < 2:
         raise ValueError("knots has 1 row; a curve needs two or more, row and col in px.")
-    return _by_hand(_with_width(curve, knots), curve.half_width, curve.residual)
+    return _by_hand(with_width(knots, curve.knots[:, 2]), curve.half_width, curve.residual)
 
 
 def flipped(curve: Curve) -> Curve:
@@ -80,20 +81,13 @@ def extended(curve: Curve, at_end: bool, by: float) -> Curve:
     points = np.concatenate([curve.points, curve.points[-1] + steps * along])
     knots = spline.fit_knots(points, min(len(curve.knots) + 1, MOST))
     # The profile stretches with the curve, so that it tapers at the new end.
-    return _by_hand(_with_width(curve, knots), curve.half_width, curve.residual)
+    return _by_hand(with_width(knots, curve.knots[:, 2]), curve.half_width, curve.residual)
 
 
 def body_width(curve: Curve) -> float:
     """Give the usual width of a body, px; a guess where it is not known."""
     finite = curve.half_width[np.isfinite(curve.half_width)]
     return 2 * float(np.median(finite)) if finite.size else SHORTEST
-
-
-def _with_width(curve: Curve, knots: Float[np.ndarray, "K 2"]) -> Float[np.ndarray, "K 3"]:
-    """Give other knots the half-widths that the curve has there."""
-    there = np.linspace(0, 1, len(curve.knots))
-    width = np.interp(np.linspace(0, 1, len(knots)), there, curve.knots[:, 2])
-    return np.column_stack([knots, width])
 
 
 def _fitted(curves: Sequence[Curve], piece: slice = slice(None), share: float = 1.0) -> Curve:
@@ -106,10 +100,8 @@ def _fitted(curves: Sequence[Curve], piece: slice = slice(None), share: float = 
     apart = np.append(True, step > 0)
     even = spline.resample(np.column_stack([points, width])[apart], POINTS)
     found = spline.fit_knots(even[:, :2], count)
-    at = np.linspace(0, 1, count)
-    along = np.interp(at, np.linspace(0, 1, POINTS), even[:, 2])
     residual = max(curve.residual for curve in curves)
-    return _by_hand(np.column_stack([found, along]), even[:, 2], residual)
+    return _by_hand(with_width(found, even[:, 2]), even[:, 2], residual)
 
 
 def _known(width: Float[np.ndarray, " P"]) -> Float[np.ndarray, " P"]:

@@ -34,6 +34,12 @@ def edges(
     return points + side, points - side
 
 
+def with_width(knots: Float[Array, "K 2"], half_width: Float[Array, " N"]) -> Float[Array, "K 3"]:
+    """Give knots the half-widths there, of those at places as even as they are."""
+    there, known = (np.linspace(0, 1, len(along)) for along in (knots, half_width))
+    return np.column_stack([knots, np.interp(there, known, half_width)])
+
+
 def area(polygon: Float[Array, "N 2"]) -> float:
     """Area inside a polygon that does not cross itself."""
     a, b = polygon.T

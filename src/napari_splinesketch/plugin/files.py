@@ -29,7 +29,7 @@ from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.settings import Settings
 from napari_splinesketch.engine.types import POINTS, Curve, OnProgress, Progress, Status
 from napari_splinesketch.files import counted
-from napari_splinesketch.geometry import thinned
+from napari_splinesketch.geometry import thinned, with_width
 from napari_splinesketch.labels import Label, Labels, LabelsError, shapes_csv, table
 from napari_splinesketch.labels.formats import WRITERS, claiming, read_labels, write_labels
 from napari_splinesketch.labels.types import in_frames
@@ -295,8 +295,7 @@ def records_of(labels: Labels, frames: int) -> tuple[tuple[Record, ...], list[st
         even, status = label.resampled(POINTS), cast(Status, label.status)
         few = (n for n in Settings.knots if spline.knot_miss(even.points, n) < KNOT_MISS)
         count = next(few, Settings.knots[-1])
-        width = np.interp(np.linspace(0, 1, count), np.linspace(0, 1, POINTS), even.half_width)
-        knots = np.column_stack([spline.fit_knots(even.points, count), width])
+        knots = with_width(spline.fit_knots(even.points, count), even.half_width)
         reasons = () if status == "good" else ("the file does not say why",)
         # How well it explained the image is in no file.
         curve = Curve(knots, even.points, even.half_width, even.sd, status, reasons, np.inf)

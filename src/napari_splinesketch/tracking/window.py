@@ -16,6 +16,7 @@ import numpy as np
 
 from napari_splinesketch.engine.spline import fit_knots
 from napari_splinesketch.engine.types import Curve
+from napari_splinesketch.geometry import with_width
 from napari_splinesketch.tracking import motion, surface
 from napari_splinesketch.tracking.bodies import INFERRED, Body, lines_of
 from napari_splinesketch.tracking.drift import distance, folds, near_others
@@ -164,8 +165,7 @@ class Window:
         opening = (doubted | unsure) - set(self._open)
         opening |= {j for i in opening for j in near.get(i, ()) if j in before and j in curves}
         for i in opening - set(self._open) - set(given):
-            if before[i].seen:
-                self._open[i] = _Stretch(before[i], number)
+            self._open[i] = _Stretch(before[i], number)
         for i in set(given) | result.lost:
             self._open.pop(i, None)
         for i, stretch in self._open.items():
@@ -217,10 +217,9 @@ class Window:
 
 def inferred(like: Curve, predicted: Predicted) -> Curve:
     """A curve that no image shows."""
-    width = np.interp(np.linspace(0, 99, FEWEST), np.arange(100), like.half_width)
     return replace(
         like,
-        knots=np.column_stack([fit_knots(predicted.line, FEWEST), width]),
+        knots=with_width(fit_knots(predicted.line, FEWEST), like.half_width),
         points=predicted.line,
         sd=np.full(len(predicted.line), predicted.sd),
         status="check",
