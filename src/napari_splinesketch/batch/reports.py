@@ -89,7 +89,7 @@ def words(error: Exception) -> str:
     """Say why a frame could not be worked on, in one line."""
     text = " ".join(str(error).split())
     if isinstance(error, np.linalg.LinAlgError):
-        return f"the fit has no solution ({text}); change the sketches, --half-width or --preset"
+        return f"the fit has no solution ({text}); change the sketches, half-width or preset"
     return text if isinstance(error, ValueError) else f"{type(error).__name__}: {text}"
 
 

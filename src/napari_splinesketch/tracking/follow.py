@@ -1,19 +1,21 @@
 """Frame after frame: carry the bodies over, refine, doubt, look again."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import CancelledError
 from dataclasses import dataclass, field, replace
 from functools import partial
 from reprlib import repr as short
 
 import numpy as np
 
+from napari_splinesketch.batch.reports import words
 from napari_splinesketch.engine.checks import checked_image
 from napari_splinesketch.engine.settings import PresetName
 from napari_splinesketch.engine.types import Curve, OnProgress, Progress, Refinement, says_stop
 from napari_splinesketch.tracking.bodies import Body
 from napari_splinesketch.tracking.drift import ShownPlaces, misleads, near_others
 from napari_splinesketch.tracking.events import DIVIDED, LEFT, Entering, Parts
-from napari_splinesketch.tracking.search import AT_ONCE, Cancelled, Found, Search
+from napari_splinesketch.tracking.search import AT_ONCE, Found, Search
 from napari_splinesketch.tracking.types import Given, Line, Read, Refine, Tracked, View
 from napari_splinesketch.tracking.window import Window
 
@@ -95,7 +97,7 @@ def follow(
             kept = given(frame)
             result = step(frame, bodies, kept, report)
             known = window.push(result, kept.curves, bodies) if smooth else {}
-        except Cancelled:
+        except CancelledError:
             yield from window.rest(decide=False)
             return
         bodies = after(bodies, result, kept) | known
@@ -115,7 +117,7 @@ def _report(
         return True
     fraction = (done + progress.fraction) / count
     if says_stop(on_progress(Progress(f"frame {frame}: {progress.stage}", fraction))):
-        raise Cancelled
+        raise CancelledError
     return True
 
 
@@ -168,12 +170,10 @@ class _Step:
             options = {"contrast": self.contrast, "smooth": self.smooth}
             search = self.search(view, predicted, given.curves, report=report, **options)
             found = search(inside) if inside else {}
-        except Cancelled:
+        except CancelledError:
             raise
         except Exception as error:  # one bad frame must not stop the others
-            said = " ".join(str(error).split())
-            said = said if isinstance(error, ValueError) else f"{type(error).__name__}: {said}"
-            return Tracked(frame, given=kept, error=said)
+            return Tracked(frame, given=kept, error=words(error))
         if search.refinement and any(one.trusted for one in found.values()):
             self.contrast = abs(search.refinement.model.contrast)
         gone = {body.id: LEFT for body in wanted if body not in inside}

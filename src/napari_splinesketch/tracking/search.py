@@ -50,10 +50,6 @@ TAKEN = 2.0
 """A suggestion that lies so near to a placed curve is taken, px."""
 
 
-class Cancelled(Exception):
-    """The user does not want any more."""
-
-
 @dataclass(frozen=True, eq=False)
 class Found:
     """Where a body was found: px of the image, with what speaks against it."""
