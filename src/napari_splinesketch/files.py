@@ -203,6 +203,13 @@ def counted(number: int, thing: str) -> str:
     return f"{number} {thing if number == 1 else plural.replace('ys', 'ies')}"
 
 
+def reason_of(error: Exception) -> str:
+    """Say what went wrong in one line, without the numbers of the system, and with which file."""
+    if not isinstance(error, OSError) or not error.strerror:
+        return " ".join(str(error).split())
+    return f"{error.filename}: {error.strerror}" if error.filename else error.strerror
+
+
 @contextmanager
 def _beside(target: Path) -> Iterator[Path]:
     folder = target.parent / f".{uuid4().hex}.part"

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from napari_splinesketch.engine.types import Progress
+from napari_splinesketch.files import reason_of
 from napari_splinesketch.plugin import words
 from napari_splinesketch.plugin.model import Record
 from napari_splinesketch.plugin.plan import Plan, Scope, Target
@@ -32,14 +33,14 @@ def plan(scope: Scope, new: int, old: int) -> Plan:
 @pytest.mark.parametrize(
     ("error", "text"),
     [
-        (FileNotFoundError(2, "No such folder", "/a/b.csv"), "No such folder: /a/b.csv"),
+        (FileNotFoundError(2, "No such folder", "/a/b.csv"), "/a/b.csv: No such folder"),
         (OSError(28, "no space left"), "no space left"),
         (OSError("the disk is away"), "the disk is away"),
         (ValueError("2 is not 3"), "2 is not 3"),
     ],
 )
 def test_errors_are_said_without_the_numbers_of_the_system(error: Exception, text: str) -> None:
-    assert words.error(error) == text
+    assert reason_of(error) == text
 
 
 def test_a_locked_curve_is_said_to_be_so_in_words() -> None:

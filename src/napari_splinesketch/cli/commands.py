@@ -16,10 +16,9 @@ from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any
 
 from napari_splinesketch import __version__
-from napari_splinesketch.batch.reports import words
 from napari_splinesketch.cli import jobs, report, terminal
 from napari_splinesketch.cli.options import add_options, given, numbers_joined
-from napari_splinesketch.files import counted, is_inside
+from napari_splinesketch.files import counted, is_inside, reason_of
 from napari_splinesketch.images.frames import open_frames
 from napari_splinesketch.labels.formats import open_labels, read_labels, write_labels
 from napari_splinesketch.training import Split, export_training
@@ -82,7 +81,7 @@ def run(arguments: Sequence[str] | None) -> int:
             return report.INTERRUPTED
         if not isinstance(error, (ValueError, OSError)):
             raise  # the user's mistakes end in one sentence; this is a bug
-        terminal.say(f"napari-splinesketch {name}: {_sentence(error)}")
+        terminal.say(f"napari-splinesketch {name}: {reason_of(error)}")
         return report.NOTHING
 
 
@@ -220,9 +219,3 @@ def _show(job: jobs.Job, values: object, text: Sequence[str] | Iterator[str]) ->
     """Print a result; returns the exit code."""
     lines = json.dumps(values, indent=2).split("\n") if job.json else text
     return report.DONE if terminal.tell(lines) else report.FAILURES
-
-
-def _sentence(error: Exception) -> str:
-    if isinstance(error, OSError) and error.filename and error.strerror:
-        return f"{error.filename}: {error.strerror}"
-    return words(error) if isinstance(error, ValueError) else str(error)

@@ -13,8 +13,9 @@ from qtpy.QtCore import QObject, QTimer, Signal  # pyright: ignore[reportPrivate
 
 from napari_splinesketch.engine.settings import MARGIN, Asked, PresetName
 from napari_splinesketch.engine.types import Curve, OnProgress, Progress, Refinement
+from napari_splinesketch.files import reason_of
 from napari_splinesketch.grids import Grid, Patch
-from napari_splinesketch.plugin import model, words
+from napari_splinesketch.plugin import model
 from napari_splinesketch.plugin.layers.space import Block
 from napari_splinesketch.plugin.model import Line, Record, Refined
 from napari_splinesketch.tracking import Tracked, View
@@ -135,7 +136,7 @@ class _Worker(threading.Thread):
         except Exception as error:
             if not self.cancelled:
                 _log.exception("Work beside the window failed")
-            self.outcome = "failed", f"{type(error).__name__}: {words.error(error)}"
+            self.outcome = "failed", f"{type(error).__name__}: {reason_of(error)}"
 
     def _report(self, progress: Progress) -> bool:
         self.news = progress

@@ -14,8 +14,8 @@ from qtpy.QtCore import QModelIndex, QSignalBlocker, Qt
 from qtpy.QtGui import QColor, QKeyEvent
 
 from napari_splinesketch import palette
-from napari_splinesketch.files import atomic
-from napari_splinesketch.plugin import choices, columns, files, words
+from napari_splinesketch.files import atomic, reason_of
+from napari_splinesketch.plugin import choices, columns, files
 from napari_splinesketch.plugin import widgets as ui
 from napari_splinesketch.plugin.columns import FILM, STATUS, Beside, alone, as_text, beside_of
 from napari_splinesketch.plugin.commands import go_to, worst_first
@@ -281,7 +281,7 @@ class ReviewPanel(qt.QWidget):
                 with atomic(path, overwrite=True) as temporary:
                     temporary.write_text(self._as_text(","), encoding="utf-8")
         except OSError as error:
-            self.controller.say(f"The table was not saved: {words.error(error)}.")
+            self.controller.say(f"The table was not saved: {reason_of(error)}.")
 
     def _show_rows(self) -> None:
         c, shown = self.controller, self.shown.currentText().lower()

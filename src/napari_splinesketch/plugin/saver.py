@@ -20,7 +20,7 @@ from qtpy.compat import isalive
 from qtpy.QtCore import QObject
 from superqt.utils import qthrottled
 
-from napari_splinesketch.files import owned
+from napari_splinesketch.files import owned, reason_of
 from napari_splinesketch.labels import LabelsError
 from napari_splinesketch.plugin import engine, sessions, words
 from napari_splinesketch.plugin.choices import PLACED, listen
@@ -97,7 +97,7 @@ class Home:
                 folder.write(replace(session, image=self.about), self.place)
             except Exception as error:
                 _log.warning("The work could not be saved", exc_info=True)
-                problems[f"The work could not be saved: {words.error(error)}."] = None
+                problems[f"The work could not be saved: {reason_of(error)}."] = None
         self.unsaved = " ".join(problems)
         return self
 

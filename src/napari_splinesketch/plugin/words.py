@@ -233,13 +233,6 @@ def no_keys(given: Mapping[str, str]) -> str:
     return f"{said} Keys are written like G, Shift+G or Ctrl+F2." if said else ""
 
 
-def error(error: Exception) -> str:
-    """Say what went wrong, without the numbers of the system, and with which file."""
-    if not isinstance(error, OSError) or not error.strerror:
-        return str(error)
-    return f"{error.strerror}: {error.filename}" if error.filename else error.strerror
-
-
 def locked(records: Sequence[model.Record]) -> str:
     """Say which curves are locked."""
     numbers = [str(record.id) for record in records]
