@@ -79,9 +79,8 @@ def extended(curve: Curve, at_end: bool, by: float) -> Curve:
     along = back / max(float(np.linalg.norm(back)), 1e-9)
     steps = np.linspace(0, by, 9)[1:, None]
     points = np.concatenate([curve.points, curve.points[-1] + steps * along])
-    knots = spline.fit_knots(points, min(len(curve.knots) + 1, MOST))
     # The profile stretches with the curve, so that it tapers at the new end.
-    return _by_hand(with_width(knots, curve.knots[:, 2]), curve.half_width, curve.residual)
+    return moved(curve, spline.fit_knots(points, min(len(curve.knots) + 1, MOST)))
 
 
 def body_width(curve: Curve) -> float:
@@ -96,9 +95,7 @@ def _fitted(curves: Sequence[Curve], piece: slice = slice(None), share: float = 
     width = _known(np.concatenate([curve.half_width[piece] for curve in curves]))
     knots = sum(len(curve.knots) for curve in curves)
     count = int(np.clip(knots if share == 1 else round(share * knots) + 2, SOME, MOST))
-    step = np.linalg.norm(np.diff(points, axis=0), axis=1)
-    apart = np.append(True, step > 0)
-    even = spline.resample(np.column_stack([points, width])[apart], POINTS)
+    even = spline.resample(np.column_stack([points, width]), POINTS)
     found = spline.fit_knots(even[:, :2], count)
     residual = max(curve.residual for curve in curves)
     return _by_hand(with_width(found, even[:, 2]), even[:, 2], residual)
