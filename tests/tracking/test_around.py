@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from napari_splinesketch.engine.types import Curve
-from napari_splinesketch.tracking import NOTHING_GIVEN, Body, Given, View, around
+from napari_splinesketch.tracking import Body, Given, View, around
 
 from .test_follow import BRIGHT, LINE, OTHER, FakeRefine, curve, moved
 
@@ -18,7 +18,7 @@ def there(frame: int) -> dict[int, Curve]:
 
 
 def fitted(
-    frames: Sequence[Sequence[int]], given=lambda frame: NOTHING_GIVEN, line: np.ndarray = LINE
+    frames: Sequence[Sequence[int]], given=lambda frame: Given(), line: np.ndarray = LINE
 ) -> tuple:
     reads: list[int] = []
 
@@ -44,7 +44,7 @@ def test_frames_around_are_fitted_again_until_nothing_changes() -> None:
 
 def test_nothing_is_carried_over_what_was_decided() -> None:
     def given(frame: int) -> Given:
-        return Given({7: there(frame)[7]}) if frame == 17 else NOTHING_GIVEN
+        return Given({7: there(frame)[7]}) if frame == 17 else Given()
 
     reads, results = fitted([range(16, 60)], given)
     assert reads == [16]

@@ -12,7 +12,7 @@ from napari_splinesketch.tracking.drift import ShownPlaces, doubts, misleads
 from napari_splinesketch.tracking.follow import after
 from napari_splinesketch.tracking.motion import Predicted
 from napari_splinesketch.tracking.search import Search
-from napari_splinesketch.tracking.types import NOTHING_GIVEN, Tracked
+from napari_splinesketch.tracking.types import Given, Tracked
 
 from .test_follow import BRIGHT, LINE, FakeRefine, curve, moved
 
@@ -82,7 +82,7 @@ def test_a_curve_that_slid_along_others_does_not_tell_how_its_body_moves() -> No
         assert misleads(BODY, 6, one)
         for others, last in (((crossing,), 5), ((), 6)):
             result = Tracked(6, dict(enumerate((one, *others), start=1)))
-            known = after({1: BODY, 2: replace(BODY, id=2)}, result, NOTHING_GIVEN)
+            known = after({1: BODY, 2: replace(BODY, id=2)}, result, Given())
             assert known[1].seen[-1][0] == last
             assert known[1].misses == 0, "it is there"
     predicted = BODY.predicted(7).line
@@ -101,7 +101,7 @@ def test_what_misleads_for_long_is_how_the_body_moves() -> None:
     for frame in range(6, 10):
         curves = uncertain(moved(at(frame), 0, 4)), curve(moved(at(frame), 3, 20), HALF_WIDTH)
         result = Tracked(frame, dict(zip((1, 2), curves, strict=True)))
-        bodies = after(bodies, result, NOTHING_GIVEN)
+        bodies = after(bodies, result, Given())
         assert bodies[1].seen[-1][0] == (5 if frame < 9 else 9)
 
 

@@ -11,7 +11,7 @@ from generated_films import Film, film
 
 from napari_splinesketch.engine.types import Refinement
 from napari_splinesketch.metrics import average_dtw
-from napari_splinesketch.tracking import NOTHING_GIVEN, Body, Tracked, View, after, follow
+from napari_splinesketch.tracking import Body, Given, Tracked, View, after, follow
 from napari_splinesketch.tracking.bodies import curve_inferred
 from napari_splinesketch.tracking.search import Search
 from napari_splinesketch.tracking.surface import REACH
@@ -69,7 +69,7 @@ def test_a_gap_is_bridged_although_others_have_waited_too_long() -> None:
         missing = {} if third else {3: "nothing like it is there"}
         result = Tracked(frame, now, missing=missing)
         known = window.push(result, {}, bodies)
-        bodies = after(bodies, result, NOTHING_GIVEN) | known
+        bodies = after(bodies, result, Given()) | known
         results += window.ready()
     results += window.rest()
     assert [r.frame for r in results] == list(range(1, LONGEST + 11))
@@ -156,7 +156,7 @@ def test_a_cancelled_window_is_gone_on_with() -> None:
     assert all(UNDECIDED in c.reasons for r in first[4:] for c in r.curves)
     bodies = start
     for result in first:
-        bodies = after(bodies, result, NOTHING_GIVEN)
+        bodies = after(bodies, result, Given())
     rest = list(follow(frames[6:], bodies.values(), read, refine=refine))
     assert [r.frame for r in (*first, *rest)] == list(frames)
     assert [r.ids for r in rest] == [r.ids for r in whole[6:]]

@@ -16,7 +16,7 @@ from napari_splinesketch.plugin import engine, model, words
 from napari_splinesketch.plugin.layers import drawn, space
 from napari_splinesketch.plugin.layers.results import Work
 from napari_splinesketch.plugin.model import Key, Record, State, by_frame, key_of
-from napari_splinesketch.tracking import NOTHING_GIVEN, Body, Given, Tracked, follow
+from napari_splinesketch.tracking import Body, Given, Tracked, follow
 from napari_splinesketch.tracking.bodies import INFERRED, MEMORY
 from napari_splinesketch.tracking.follow import PATIENCE
 from napari_splinesketch.tracking.window import UNDECIDED
@@ -197,13 +197,11 @@ class Tracking:
         known = by_frame(at_times(self.work.state, self.times).records)
 
         def given(frame: int) -> Given:
-            here = known.get(frame)
+            here = known.get(frame, [])
             # What a file brings is carried on from, and fitted again only around a correction.
-            stays = [
-                r for r in here or () if _decided(r) or (r.from_file and self.corrected is None)
-            ]
+            stays = [r for r in here if _decided(r) or (r.from_file and self.corrected is None)]
             mine = {r.id: r.curve for r in stays if r.usable}
-            return Given(mine, whole=all(r.decided for r in here)) if here else NOTHING_GIVEN
+            return Given(mine, whole=bool(here) and all(r.decided for r in here))
 
         run = partial(carry, self.frames, bodies, given=given)
 

@@ -14,14 +14,13 @@ from psygnal import Signal, SignalGroup
 from scipy.optimize import linear_sum_assignment
 
 from napari_splinesketch.engine.spline import apart, resample
-from napari_splinesketch.engine.types import Curve
+from napari_splinesketch.engine.types import Curve, Line
 from napari_splinesketch.grids import Patch, patched
 from napari_splinesketch.labels.types import Review
 
 V = TypeVar("V", bound=Hashable)
 T = TypeVar("T")
 A = ParamSpec("A")
-Line = Float[np.ndarray, "N 2"]
 Key = tuple[int, int]  # (frame, id) of a record
 Marked = tuple[int, bytes]  # (frame, print) of a line
 

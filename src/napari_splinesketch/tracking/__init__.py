@@ -4,10 +4,9 @@ from napari_splinesketch.tracking.around import around
 from napari_splinesketch.tracking.bodies import Body
 from napari_splinesketch.tracking.follow import after, follow
 from napari_splinesketch.tracking.over_time import Kymograph, kymograph
-from napari_splinesketch.tracking.types import NOTHING_GIVEN, Given, Tracked, View
+from napari_splinesketch.tracking.types import Given, Tracked, View
 
 __all__ = [
-    "NOTHING_GIVEN",
     "Body",
     "Given",
     "Kymograph",

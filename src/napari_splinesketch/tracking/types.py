@@ -49,9 +49,6 @@ class Given:
     """Whether tracking goes on from them; otherwise others do not begin with them."""
 
 
-NOTHING_GIVEN = Given()
-
-
 @dataclass(frozen=True, eq=False)
 class Tracked:
     """What came of one frame."""
