@@ -12,6 +12,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from uuid import uuid4
 
+from numpy.linalg import LinAlgError
+
 EXISTS = "exists already; choose another name, or overwrite it (overwrite=True, --overwrite)"
 INSTALL = "pip install 'napari-splinesketch[{}]'"  # with what an extra brings
 FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
@@ -208,6 +210,14 @@ def reason_of(error: Exception) -> str:
     if not isinstance(error, OSError) or not error.strerror:
         return " ".join(str(error).split())
     return f"{error.filename}: {error.strerror}" if error.filename else error.strerror
+
+
+def failure_of(error: Exception) -> str:
+    """Say why a frame could not be worked on, in one line."""
+    text = " ".join(str(error).split())
+    if isinstance(error, LinAlgError):
+        return f"the fit has no solution ({text}); change the sketches, half-width or preset"
+    return text if isinstance(error, ValueError) else f"{type(error).__name__}: {text}"
 
 
 @contextmanager

@@ -16,7 +16,8 @@ from jaxtyping import Float, Real
 
 from napari_splinesketch import __version__
 from napari_splinesketch.batch.local import limit_threads
-from napari_splinesketch.batch.reports import FrameReport, words
+from napari_splinesketch.batch.reports import FrameReport
+from napari_splinesketch.files import failure_of
 from napari_splinesketch.images.frames import Frames, ImageError, checksum, is_url, open_frames
 from napari_splinesketch.labels import Label
 
@@ -121,7 +122,7 @@ def do_frame(task: FrameTask, tell: Tell = lambda share: None) -> FrameDone:
     except (ConnectionError, UnreachableError):
         raise
     except Exception as error:  # one bad frame must not stop the others
-        return failed(task, words(error), time.perf_counter() - began, digest)
+        return failed(task, failure_of(error), time.perf_counter() - began, digest)
     seconds = round(time.perf_counter() - began, 3)
     report = replace(found.report, seconds=seconds, sha256=digest, shape=image.shape)
     return replace(found, report=report)

@@ -85,14 +85,6 @@ class FrameReport:
         return cls(**{**values, **more})
 
 
-def words(error: Exception) -> str:
-    """Say why a frame could not be worked on, in one line."""
-    text = " ".join(str(error).split())
-    if isinstance(error, np.linalg.LinAlgError):
-        return f"the fit has no solution ({text}); change the sketches, half-width or preset"
-    return text if isinstance(error, ValueError) else f"{type(error).__name__}: {text}"
-
-
 class Spool:
     """Reports in an anonymous file: a long run has more of them than memory should hold."""
 

@@ -9,12 +9,12 @@ import numpy as np
 
 import napari_splinesketch
 from napari_splinesketch.batch.frame_task import FrameDone
-from napari_splinesketch.batch.reports import CurveReport, FrameReport, words
+from napari_splinesketch.batch.reports import CurveReport, FrameReport
 from napari_splinesketch.cli.jobs import TrackJob
 from napari_splinesketch.cli.run import Outcome, Run, is_judged, judged, open_run
 from napari_splinesketch.cli.terminal import Report
 from napari_splinesketch.engine.types import Curve, Refinement
-from napari_splinesketch.files import counted
+from napari_splinesketch.files import counted, failure_of
 from napari_splinesketch.images.frames import Frames, ImageError, checksum
 from napari_splinesketch.labels import Label, Labels, read_labels
 from napari_splinesketch.labels.types import in_frames
@@ -125,7 +125,7 @@ class _Film:
         except ConnectionError:  # where the film is: other frames would fail too
             raise
         except Exception as error:  # one bad frame must not stop the others
-            here.error = words(error)
+            here.error = failure_of(error)
         return Given({i: c for i, c in here.curves.items() if c.status != "failed"})
 
     def _read(self, frame: int, lines: Sequence[np.ndarray]) -> View:

@@ -8,10 +8,10 @@ from reprlib import repr as short
 
 import numpy as np
 
-from napari_splinesketch.batch.reports import words
 from napari_splinesketch.engine.checks import checked_image
 from napari_splinesketch.engine.settings import PresetName
 from napari_splinesketch.engine.types import Curve, OnProgress, Progress, Refinement, says_stop
+from napari_splinesketch.files import failure_of
 from napari_splinesketch.tracking.bodies import Body
 from napari_splinesketch.tracking.drift import ShownPlaces, misleads, near_others
 from napari_splinesketch.tracking.events import DIVIDED, LEFT, Entering, Parts
@@ -173,7 +173,7 @@ class _Step:
         except CancelledError:
             raise
         except Exception as error:  # one bad frame must not stop the others
-            return Tracked(frame, given=kept, error=words(error))
+            return Tracked(frame, given=kept, error=failure_of(error))
         if search.refinement and any(one.trusted for one in found.values()):
             self.contrast = abs(search.refinement.model.contrast)
         gone = {body.id: LEFT for body in wanted if body not in inside}
