@@ -334,6 +334,23 @@ def test_nothing_is_cut_or_extended_where_the_pointer_shows_no_place(
     assert controller.state is before
 
 
+@pytest.mark.window
+def test_linked_layers_are_drawn_into_after_a_view_in_3d(
+    viewer: Any, dock: SplinesketchDock, fake: FakeEngine
+) -> None:
+    viewer.add_image(np.zeros((96, 128)), name="worms")
+    lines = [line[:, 1:] for line in LINES]
+    sketches = viewer.add_shapes(lines, shape_type="line", name="worms sketches")
+    refine(dock)
+    viewer.layers.link_layers(list(viewer.layers))
+    for axes in (3, 2):
+        viewer.dims.ndisplay = axes
+        QTest.qWait(20)
+    dock.controller.draw()
+    assert sketches.mode == "add_line"
+    assert not viewer.layers["worms curves"].editable
+
+
 @pytest.mark.slow
 @pytest.mark.window(shown=True)
 def test_the_view_is_turned_to_3d_and_back(

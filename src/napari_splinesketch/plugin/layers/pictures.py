@@ -110,8 +110,8 @@ class Slot:
             layers.selection = chosen
         if kind in (Labels, Points, Shapes) and layer.metadata[ROLE] != "knots":
             # Results are not drawn into; napari allows it again after a view in 3-D.
-            layer.events.editable.connect(lambda: setattr(layer, "editable", False))
-            layer.editable = False
+            layer.events.editable.connect(lambda: _refuse(layer))
+            _refuse(layer)
         layer.events.visible.connect(self.work.on_visible)
         self.made, self._source = layer, None
         return layer
@@ -186,6 +186,12 @@ class Drawing:
             self._failed(error)
         else:
             QTimer.singleShot(STEP_MS, partial(self._go_on, key))
+
+
+def _refuse(layer: Layer) -> None:
+    """Let nothing be drawn into a layer, silently: layers that are linked with it would follow."""
+    with layer.events.editable.blocker():
+        layer.editable = False
 
 
 def _patches(work: Work) -> Film:
