@@ -24,8 +24,9 @@ from napari_splinesketch.plugin.layers.space import (
     view_of,
 )
 
+from .bench import bench
 from .fakes import FakeEngine
-from .hand import canvas_point, click, draw, fit_view, refine
+from .hand import QTest, canvas_point, click, draw, fit_view, refine, until
 
 AFFINE = np.array([[0.9, 0.2, 3.0], [-0.1, 1.1, -4.0], [0.0, 0.0, 1.0]])
 TURNED = {"rotate": 25.0, "shear": [0.2], "affine": AFFINE}
@@ -221,3 +222,16 @@ def test_a_frame_is_named_by_its_time_and_plane(
     image = Image(np.zeros((*shape, 8, 9)), axis_labels=labels)
     assert times_of(image).place(3) == said
     assert times_of(None).place(3) == "3"
+
+
+def test_an_image_that_is_linked_with_its_reconstruction_stays(qapp: Any, fake: FakeEngine) -> None:
+    with bench() as at:
+        image, lines = at.image((2100, 2100)), np.array([[20.0, 20], [20, 60]])
+        sketches = at.sketches([lines + 1900])
+        at.refine()
+        at.viewer.layers.link_layers(list(at.viewer.layers))
+        sketches.add_paths([lines + 300])
+        at.refine()
+        until(lambda: at.viewer.layers["sketches reconstruction"].translate[0] < 1000)
+        QTest.qWait(300)  # for what follows the image
+        assert image.translate.tolist() == [0, 0]

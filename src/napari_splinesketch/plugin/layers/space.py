@@ -12,6 +12,7 @@ import numpy as np
 import pint
 from jaxtyping import Float, Int, Real
 from napari.components import ViewerModel
+from napari.experimental import unlink_layers
 from napari.layers import Image, Layer
 from napari.utils.transforms import CompositeAffine
 
@@ -262,6 +263,8 @@ def place(layer: Layer, image: Image, grid: Grid | None) -> bool:
     for each in (wanted, before):
         each["affine"] = each["affine"].affine_matrix
     moved = [name for name in wanted if not np.array_equal(before[name], wanted[name])]
+    if moved:  # or those that the user linked it with would follow, and the image run away
+        unlink_layers([layer], moved)
     for name in moved:  # napari draws everything again for each
         setattr(layer, name, wanted[name])
     return bool(moved)
