@@ -253,6 +253,10 @@ def test_a_row_of_another_frame_goes_there(
     go_to(dock.controller, (1, 2))
     assert viewer.dims.point[0] == 2
     np.testing.assert_allclose(centre(viewer), [20, 30], atol=1e-6)
+    viewer.dims.set_point(0, 0)
+    place = panel.table.visualRect(panel.table.currentIndex()).center()
+    QTest.mouseClick(panel.table.viewport(), LEFT, NO_KEY, place)
+    assert viewer.dims.point[0] == 2, "also where its row is the selected one"
     panel.shown.setCurrentIndex(3)
     panel.shown.activated.emit(3)
     assert ids(panel) == [2]

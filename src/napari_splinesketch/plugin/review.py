@@ -151,9 +151,10 @@ class CurvesTable(qt.QTableView):
         for i, column in enumerate(columns.SHOWN):
             width = self.fontMetrics().horizontalAdvance(column.width) + PADDING
             self.setColumnWidth(i, max(width, header.sectionSizeHint(i)))
-        selection.currentRowChanged.connect(
-            lambda now, _: now.isValid() and self.picked.emit(key_of(model.records[now.row()]))
-        )
+        for signal in (selection.currentRowChanged, self.clicked):  # also of the row that it is at
+            signal.connect(
+                lambda now, *_: now.isValid() and self.picked.emit(key_of(model.records[now.row()]))
+            )
 
     def show_selected(self, key: Key | None) -> None:
         """Highlight the row of a curve, silently."""
