@@ -16,7 +16,7 @@ from napari_splinesketch.geometry import with_width
 BY_HAND = "it was changed by hand and not refined since"
 SHORTEST = 4.0
 """A piece of a curve is at least this long, px."""
-SOME, MOST = 6, 24
+SOME, MOST = 6, 96
 """Knots of a curve that was cut or joined."""
 
 
@@ -49,8 +49,9 @@ def split(curve: Curve, at: int) -> tuple[Curve, Curve]:
         raise ValueError(f"at is {at!r}; give the number of a point, from 0 to {len(along) - 1}.")
     if min(along[at], along[-1] - along[at]) < SHORTEST:
         raise ValueError(f"Each piece must be {SHORTEST:.0f} px long: cut farther from the end.")
-    share = along[at] / along[-1]
-    return _fitted([curve], slice(at + 1), share), _fitted([curve], slice(at, None), 1 - share)
+    share, line = along[at] / along[-1], spline.fine(curve)
+    at = at * (len(line.points) - 1) // (len(along) - 1)
+    return _fitted([line], slice(at + 1), share), _fitted([line], slice(at, None), 1 - share)
 
 
 def joined(curve: Curve, other: Curve) -> Curve:
@@ -58,8 +59,8 @@ def joined(curve: Curve, other: Curve) -> Curve:
     ends = [curve.points[[0, -1]], other.points[[0, -1]]]
     apart = np.linalg.norm(ends[0][:, None] - ends[1][None], axis=2)
     mine, theirs = np.unravel_index(apart.argmin(), apart.shape)
-    first = curve if mine else flipped(curve)
-    second = flipped(other) if theirs else other
+    first, second = spline.fine(curve), spline.fine(other)
+    first, second = first if mine else flipped(first), flipped(second) if theirs else second
     # Where one lies over the other, the second goes on from where the first ends.
     begin, off = nearest(second, first.points[-1])
     if max(off, nearest(first, second.points[0])[1]) < body_width(first) / 2:
@@ -75,10 +76,11 @@ def extended(curve: Curve, at_end: bool, by: float) -> Curve:
         raise ValueError(f"by is {by!r}; give a length above 0, px.")
     if not at_end:
         return flipped(extended(flipped(curve), True, by))
-    back = curve.points[-1] - curve.points[-4]
+    line = spline.fine(curve).points
+    back = line[-1] - line[-4]
     along = back / max(float(np.linalg.norm(back)), 1e-9)
     steps = np.linspace(0, by, 9)[1:, None]
-    points = np.concatenate([curve.points, curve.points[-1] + steps * along])
+    points = np.concatenate([line, line[-1] + steps * along])
     # The profile stretches with the curve, so that it tapers at the new end.
     return moved(curve, spline.fit_knots(points, min(len(curve.knots) + 1, MOST)))
 
@@ -96,7 +98,7 @@ def _fitted(curves: Sequence[Curve], piece: slice = slice(None), share: float = 
     knots = sum(len(curve.knots) for curve in curves)
     count = int(np.clip(knots if share == 1 else round(share * knots) + 2, SOME, MOST))
     even = spline.resample(np.column_stack([points, width]), POINTS)
-    found = spline.fit_knots(even[:, :2], count)
+    found = spline.fit_knots(points, count)
     residual = max(curve.residual for curve in curves)
     return _by_hand(with_width(found, even[:, 2]), even[:, 2], residual)
 

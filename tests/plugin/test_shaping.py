@@ -11,6 +11,8 @@ from napari_splinesketch import editing as shaping
 from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.types import Curve
 
+from .fakes import winding
+
 KNOTS = 9
 
 
@@ -75,6 +77,20 @@ def test_two_that_lie_over_each_other_do_not_fold(turned: bool) -> None:
     whole = shaping.joined(first, shaping.flipped(second) if turned else second)
     assert whole.length == pytest.approx(curve.length, rel=0.01)
     assert np.abs(whole.points - curve.points).max() < 1.0
+
+
+def test_a_long_winding_curve_keeps_its_shape() -> None:
+    curve = replace(bent(), **winding())
+    line = spline.fine(curve).points
+
+    def off(*made: Curve) -> float:
+        lines = [spline.fine(one).points for one in made]
+        return float(np.min([spline.apart(line, each) for each in lines], axis=0).max())
+
+    first, second = shaping.split(curve, 50)
+    assert off(first, second) < 2.0, "px, of bends of 40"
+    assert off(shaping.joined(first, second)) < 2.0
+    assert off(shaping.extended(curve, True, 5.0)) < 2.0
 
 
 @given(curves, st.booleans(), st.floats(2, 12))
