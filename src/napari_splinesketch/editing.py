@@ -35,11 +35,15 @@ def flipped(curve: Curve) -> Curve:
 
 
 def nearest(curve: Curve, point: Float[np.ndarray, "2"]) -> tuple[int, float]:
-    """Position of the curve's point that is nearest to another, and how far it is, px."""
+    """Position of the curve's point that is nearest to another, and how far the curve is, px."""
     if np.shape(point) != (2,) or np.isnan(point).any():
         raise ValueError(f"point is {point!r}; give one place (2,), row and col in px.")
     apart = np.linalg.norm(curve.points - point, axis=1)
-    return int(apart.argmin()), float(apart.min())
+    off = apart.min()
+    if off < curve.length / 50:  # it may lie between points, which are far apart on a long curve
+        line = spline.resample(spline.fine(curve).points, POINTS + int(curve.length))
+        off = np.linalg.norm(line - point, axis=1).min()
+    return int(apart.argmin()), float(off)
 
 
 def split(curve: Curve, at: int) -> tuple[Curve, Curve]:

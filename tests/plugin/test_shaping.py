@@ -11,7 +11,7 @@ from napari_splinesketch import editing as shaping
 from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.types import Curve
 
-from .fakes import winding
+from .fakes import as_drawn, winding
 
 KNOTS = 9
 
@@ -24,6 +24,7 @@ def bent(bend: float = 6.0, slope: float = 0.4, length: float = 80.0) -> Curve:
     return Curve(knots, points[:, :2], points[:, 2], np.linspace(0.1, 0.2, 100), "good", (), 0.05)
 
 
+LONG = replace(bent(), **winding())
 curves = st.builds(bent, st.floats(-8, 8), st.floats(-2, 2), st.floats(40, 200))
 
 
@@ -80,17 +81,16 @@ def test_two_that_lie_over_each_other_do_not_fold(turned: bool) -> None:
 
 
 def test_a_long_winding_curve_keeps_its_shape() -> None:
-    curve = replace(bent(), **winding())
-    line = spline.fine(curve).points
+    line = spline.fine(LONG).points
 
     def off(*made: Curve) -> float:
         lines = [spline.fine(one).points for one in made]
         return float(np.min([spline.apart(line, each) for each in lines], axis=0).max())
 
-    first, second = shaping.split(curve, 50)
+    first, second = shaping.split(LONG, 50)
     assert off(first, second) < 2.0, "px, of bends of 40"
     assert off(shaping.joined(first, second)) < 2.0
-    assert off(shaping.extended(curve, True, 5.0)) < 2.0
+    assert off(shaping.extended(LONG, True, 5.0)) < 2.0
 
 
 @given(curves, st.booleans(), st.floats(2, 12))
@@ -172,3 +172,11 @@ def test_where_one_of_two_has_no_width_it_is_that_of_the_other() -> None:
 def test_nonsense_is_refused_in_words(name: str, given: list[object], reason: str) -> None:
     with pytest.raises(ValueError, match=reason):
         getattr(shaping, name)(bent(), *given)
+
+
+@pytest.mark.parametrize(
+    "curve", [as_drawn(np.array([[5.0, 0], [5, 2000]])), LONG], ids=["straight", "winding"]
+)
+def test_a_long_curve_is_near_between_its_points(curve: Curve) -> None:
+    places = spline.resample(spline.fine(curve).points, 499)
+    assert max(shaping.nearest(curve, place)[1] for place in places) < 1.0
