@@ -140,7 +140,9 @@ def judge(controller: Controller, review: Review | None = None) -> None:
     """
     order, chosen = controller.order(controller.records()), set(controller.selection)
     if review and controller.unseen:
-        return go_to(controller, min(chosen))
+        go_to(controller, min(chosen))
+        controller.tell()
+        return
     if review and chosen:
         controller.review(review)
     now = controller.state.by_key
