@@ -35,7 +35,7 @@ def edges(
 
 
 def with_width(knots: Float[Array, "K 2"], half_width: Float[Array, " N"]) -> Float[Array, "K 3"]:
-    """Give knots the half-widths there, of those at places as even as they are."""
+    """Add half-widths to knots; both are spread evenly along the curve."""
     there, known = (np.linspace(0, 1, len(along)) for along in (knots, half_width))
     return np.column_stack([knots, np.interp(there, known, half_width)])
 
