@@ -141,6 +141,12 @@ class Planes:
         """Make all planes."""
         return self[()].astype(dtype or self.dtype)
 
+    # napari's menu of a layer calls these: a duplicate may be drawn into.
+    astype = __array__
+
+    def __deepcopy__(self, memo: object) -> Shaped[np.ndarray, "..."]:
+        return np.asarray(self)
+
     def __len__(self) -> int:
         return self.shape[0]
 

@@ -1,5 +1,6 @@
 """A film of some frames reads like the array that it stands for."""
 
+from copy import deepcopy
 from typing import Any
 
 import numpy as np
@@ -32,6 +33,15 @@ def test_it_reads_like_an_array(name: str) -> None:
     np.testing.assert_array_equal(np.asarray(film), dense)
     np.testing.assert_array_equal(film[KEYS[name]], dense[KEYS[name]])
     np.testing.assert_array_equal(grid.origin, [10, 20])
+
+
+def test_a_copy_can_be_drawn_into_and_has_the_type_that_is_asked_for() -> None:
+    film, _ = film_of({0: patch(1.0, (0, 0))}, (2,))
+    copy = deepcopy(film)
+    copy[0, 1, 1] = 7
+    assert np.asarray(copy)[0, 1, 1] == 7
+    assert film[0, 1, 1] == 1
+    assert film.astype(np.float16).dtype == np.float16
 
 
 def test_frames_over_two_axes() -> None:
