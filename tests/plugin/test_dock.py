@@ -9,6 +9,7 @@ from weakref import ref
 import numpy as np
 import pytest
 from napari.layers._source import Source
+from napari.settings import get_settings
 from qtpy.QtCore import QPoint, QPointF, Qt
 from qtpy.QtGui import QTextDocument, QWheelEvent
 from qtpy.QtWidgets import QAbstractButton, QApplication, QComboBox, QFileDialog, QProgressBar
@@ -448,6 +449,17 @@ def test_a_large_font_makes_the_dock_wider(viewer: Any, dock: SplinesketchDock) 
     dock.resize(dock.minimumSizeHint().width(), 700)
     QTest.qWait(50)
     assert dock.review.mapTo(dock, dock.review.rect().topRight()).x() <= dock.width()
+
+
+@pytest.mark.slow
+@pytest.mark.window(shown=True)
+@pytest.mark.parametrize("size", [9, 12, 20])
+def test_the_legend_is_whole_in_any_size(viewer: Any, dock: SplinesketchDock, size: int) -> None:
+    get_settings().appearance.font_size = size
+    sketched(viewer)
+    refine(dock)
+    QTest.qWait(50)
+    assert dock.legend.sizeHint().width() <= dock.legend.width()
 
 
 def test_results_are_no_sketches_and_no_images(viewer: Any, dock: SplinesketchDock) -> None:

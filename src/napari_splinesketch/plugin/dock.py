@@ -96,7 +96,8 @@ class SplinesketchDock(qt.QWidget):
         self.review = ui.Button("Review", tip, self._show_or_hide_panel)
         self.review.setCheckable(True)
         self.eyes = ui.EyeBox(controller)
-        self.said.setIndent(0)  # Qt counts it twice, and leaves a gap
+        for each in (self.said, self.legend):
+            each.setIndent(0)  # Qt counts it twice, and leaves a gap
         tip = "What this image needed of the model, and why"
         self.notes = ui.Folded("Model", tip, self.said)
         self.settings = ui.Folded("Settings", "Options, kept for next time", self.settings_form)

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from napari_splinesketch.plugin.sessions import Head
     from napari_splinesketch.tracking import Tracked
 
-LEGEND = " &nbsp; ".join(
+LEGEND = " ".join(
     f'<span style="color: {palette.STATUS[status]}">■</span> {word} {MARKS[status]}'.rstrip()
     for status, word in columns.STATUS_WORDS.items()
 )
