@@ -5,7 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.types import Curve
+from napari_splinesketch.tracking.over_time import mean_curvature
 from napari_splinesketch.tracking.surface import KNOWN, REACH, steadied
 
 from .test_follow import curve
@@ -43,6 +45,22 @@ def test_neighbours_average_out_noise_but_no_movement(path, better) -> None:
         assert (found.sd <= 0.2).all()
     mine, raw = np.mean(errors, axis=0)
     assert mine < better * raw
+
+
+def test_a_smooth_body_stays_smooth_and_on_its_knots() -> None:
+    rng = np.random.default_rng(3)
+
+    def noisy(frame: int) -> Curve:
+        knots = winding(frame)[::11] + [[1.0, 0]] * rng.normal(0, 0.2, (10, 1))
+        made = np.column_stack([knots, np.full(10, 2.0)])
+        return replace(fitted(spline.sample(knots, 100)), knots=made)
+
+    for _ in range(10):
+        seen = {t: noisy(t) for t in FRAMES}
+        found = steadied(seen.pop(NOW), NOW, [*seen.items()])
+        drawn = spline.sample(found.knots[:, :2], 2000)
+        assert spline.apart(found.points, drawn).max() < 0.03
+        assert mean_curvature(found.points) < 1.1 * mean_curvature(winding(NOW))
 
 
 def test_neighbours_that_agree_do_not_make_a_curve_exact() -> None:

@@ -8,6 +8,7 @@ from reprlib import repr as short
 import numpy as np
 from jaxtyping import Float, Int
 
+from napari_splinesketch.editing import places
 from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.types import Curve
 
@@ -65,9 +66,7 @@ def kymograph(curves: Mapping[int, Curve], points: int = 100) -> Kymograph:
 def curvature_of(curve: Curve, points: int) -> Float[np.ndarray, " points"]:
     """Curvature of a curve's spline at points uniform in arc length, 1 / px."""
     knots = curve.knots[:, :2]
-    u = np.linspace(0, 1, 8 * points)
-    s = spline.arc_length(spline.basis(len(knots), u) @ knots)
-    u = np.interp(np.linspace(0, s[-1], points), s, u)
+    u = places(knots, points)
     first, second = (spline.basis(len(knots), u, d) @ knots for d in (1, 2))
     speed = np.maximum(np.linalg.norm(first, axis=1), 1e-9)
     return (first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]) / speed**3

@@ -13,7 +13,8 @@ from jaxtyping import Float
 from scipy import ndimage
 from scipy.spatial.distance import cdist
 
-from napari_splinesketch.engine.spline import fit_knots, normals
+from napari_splinesketch.editing import places
+from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.tracking.motion import Points
 
@@ -66,8 +67,10 @@ def steadied(curve: Curve, frame: int, around: Sequence[Seen]) -> Curve:
         gains.append(spread[here, here])
     best = np.argmin(unlikely, axis=0)
     shift = np.take_along_axis(np.array(shifts), best[None], 0)[0]
-    points = curve.points + shift[:, None] * normals(curve.points)
-    knots = np.column_stack([fit_knots(points, len(curve.knots)), curve.knots[:, 2]])
+    basis = spline.basis(len(curve.knots), places(curve.knots, len(curve.points)))
+    moved = np.linalg.pinv(basis) @ (shift[:, None] * spline.normals(curve.points))
+    knots = curve.knots + np.pad(moved, ((0, 0), (0, 1)))
+    points = curve.points + basis @ moved
     sd = curve.sd * np.sqrt(np.minimum(np.array(gains)[best] + LASTING, 1))
     return replace(curve, points=points, knots=knots, sd=sd)
 
@@ -75,4 +78,4 @@ def steadied(curve: Curve, frame: int, around: Sequence[Seen]) -> Curve:
 def offsets(line: Points, other: Points) -> Along:
     """How far another line is from the points of one, along the normal, px."""
     nearest = cdist(line, other, "sqeuclidean").argmin(1)
-    return ((other[nearest] - line) * normals(line)).sum(1)
+    return ((other[nearest] - line) * spline.normals(line)).sum(1)
