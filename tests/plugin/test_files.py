@@ -34,6 +34,7 @@ from napari_splinesketch.plugin.files import (
 )
 from napari_splinesketch.plugin.layers.drawn import shapes_in
 from napari_splinesketch.plugin.layers.space import go_to_frame
+from napari_splinesketch.tracking.over_time import curvature_of
 
 from .bench import bench
 from .fakes import FakeEngine
@@ -439,6 +440,17 @@ def test_curves_that_are_gone_on_with_have_as_many_knots_as_they_need() -> None:
     assert spline.apart(winding.curve.points, drawn).mean() < 0.5
     assert len(winding.curve.knots) >= 24
     assert len(straight.curve.knots) == 8
+
+
+def test_curves_that_are_gone_on_with_bend_as_before() -> None:
+    at = np.array([0, 8, 21, 30, 45, 52, 67, 80])  # knots need not be evenly spaced
+    knots = np.column_stack([30 + 9 * np.sin(at / 14), at])
+    points = spline.sample(knots, 100)
+    label = Label(0, 1, points, np.full(100, 3.0), np.full(100, 0.1), "good")
+    (record,), _ = records_of(Labels((label,)), 1)
+    before = replace(record.curve, knots=np.column_stack([knots, np.full(8, 3.0)]))
+    bends, bent = (curvature_of(curve, 100) for curve in (record.curve, before))
+    assert np.abs(bends - bent).mean() < 0.03 * np.abs(bent).mean()
 
 
 PLACES: dict[str, dict[str, Any]] = {

@@ -23,7 +23,7 @@ from napari.utils.history import get_save_history, update_save_history
 from napari.utils.notifications import show_info
 from qtpy.QtWidgets import QFileDialog, QWidget
 
-from napari_splinesketch import palette
+from napari_splinesketch import editing, palette
 from napari_splinesketch.data import load_sample
 from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.settings import Settings
@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     from napari_splinesketch.plugin.layers.results import Work
 
 LABELS = "napari-splinesketch labels"  # key of metadata: the labels that a layer was read from
-KNOT_MISS = 0.2  # most that knots of curves from a file may miss their points by, px (rms)
+KNOT_MISS = 0.05  # most that knots of curves from a file may miss their points by, px (rms)
 LayerData = tuple[Any, dict[str, Any], str]
 SEED = 4
 SIZE = (192, 192)
@@ -293,9 +293,9 @@ def records_of(labels: Labels, frames: int) -> tuple[tuple[Record, ...], list[st
     made = []
     for label in here:
         even, status = label.resampled(POINTS), cast(Status, label.status)
-        few = (n for n in Settings.knots if spline.knot_miss(even.points, n) < KNOT_MISS)
-        count = next(few, Settings.knots[-1])
-        knots = with_width(spline.fit_knots(even.points, count), even.half_width)
+        few = (editing.knots_through(even.points, n) for n in Settings.knots)
+        line = next((found for found, miss in few if miss < KNOT_MISS), even.points)
+        knots = with_width(line, even.half_width)
         reasons = () if status == "good" else ("the file does not say why",)
         # How well it explained the image is in no file.
         curve = Curve(knots, even.points, even.half_width, even.sd, status, reasons, np.inf)
