@@ -415,6 +415,7 @@ def test_labels_are_opened_without_a_question_and_gone_on_with(
     assert dock.offer.labels.text() == "Continue with 2 curves"
     click(dock.offer.labels)
     until(dock.controller.records)
+    rest(dock)
     after = dock.controller.records()
     for one, other in zip(before, after, strict=True):
         for what in ("id", "frame", "review", "locked"):
@@ -494,6 +495,7 @@ def test_labels_lie_on_the_image_in_its_pixels(
     if name != "table.csv":
         viewer.layers[-1].scale = (7, 7)
         dock.saver.take_up()
+        until(lambda: dock.controller.records() and not dock.controller.progress)
         assert not dock.controller.request().targets, "the curve has its line"
         (line,) = dock.controller.drawn.lines
         np.testing.assert_allclose(line, points, atol=1e-4)
@@ -533,6 +535,7 @@ def test_lines_of_the_first_frame_are_in_no_other(
         image = made.image((*axes, 96, 128))
         made.viewer.add_layer(Shapes(data, **meta))
         made.saver.take_up()
+        until(lambda: not made.controller.progress)
         (line,) = made.controller.drawn.lines
         np.testing.assert_allclose(line, known.points, atol=1e-4)
         assert len(made.controller.request().targets) == (kind == "sketch")
@@ -563,7 +566,7 @@ def test_curves_beyond_an_image_of_times_and_planes_are_left_in_the_file(
     viewer.add_image(np.zeros((2, 2, 60, 60)), name="film")
     viewer.open(tmp_path / "a.csv", plugin=PLUGIN)
     click(dock.offer.labels)
-    until(dock.controller.records)
+    until(lambda: dock.controller.records() and not dock.controller.progress)
     assert [record.frame for record in dock.controller.records()] == [0, 2, 2]
     assert "Left in the file: 1 curve beyond the last frame." in dock.notice.text()
     viewer.dims.set_point((0, 1), (1, 1))
@@ -593,6 +596,7 @@ def test_curves_that_are_gone_on_with_are_not_refined_again(qapp: Any, fake: Fak
         made.image((200, 128))
         made.viewer.add_layer(Shapes(data, **meta))
         made.saver.take_up()
+        until(made.controller.records)
         assert len(made.controller.records()) == 1
         assert not made.controller.request().targets, "whatever a layer rounds its points to"
 

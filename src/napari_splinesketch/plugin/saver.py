@@ -29,7 +29,7 @@ from napari_splinesketch.plugin.files import lay, read_with, records_of
 from napari_splinesketch.plugin.layers import pictures, results
 from napari_splinesketch.plugin.layers.drawn import add_shapes, empty_layer, line_style, shapes_in
 from napari_splinesketch.plugin.layers.space import frame_count, in_stack, size_of
-from napari_splinesketch.plugin.model import State
+from napari_splinesketch.plugin.model import Record, State
 from napari_splinesketch.plugin.sessions import EVERY, Folder, Head, Session, Shape
 
 DELAY_MS = 700  # from a change to its being written, at least; more changes meanwhile go together
@@ -230,13 +230,18 @@ class Saver(QObject):
     def take_up(self) -> None:
         """Go on with the curves that the chosen layer brought; its lines are their sketches."""
         controller, work = self._controller, self._controller.work
-        if work and self.brought and not controller.progress:
-            lay(work.sketches, work.image)
-            records, notes = records_of(read_with(work.sketches), frame_count(work.image))
+        if not (work and self.brought and not controller.progress):
+            return
+        lay(work.sketches, work.image)
+        labels, frames = read_with(work.sketches), frame_count(work.image)
+
+        def show(found: tuple[tuple[Record, ...], list[str]]) -> None:
+            records, notes = found
+            over = partial(controller.finish, words.together(notes))
             state = State(records, work.state.suggestions)
-            controller.apply("Continue with labels", state)
-            if notes:
-                controller.say(words.together(notes))
+            controller.apply("Continue with labels", state, over, work)
+
+        controller.start(lambda _: records_of(labels, frames), show, "Reading the labels", on=work)
 
     def flush(self) -> None:
         """Write now what is still to be written, and wait until it is."""
