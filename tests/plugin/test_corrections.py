@@ -139,6 +139,8 @@ def test_selecting_and_turning(viewer: Any, dock: SplinesketchDock, hand: Hand) 
     viewer.scene.camera.zoom /= 3
     hand.click(60, 50)
     until(lambda: controller.selection == ((1, 2),), 5)
+    hand.click(20, 50, SHIFT)
+    until(lambda: controller.selection == ((1, 2), (1, 1)), 5)
     assert lines.nshapes == 2, "a click selects while drawing, too, and is no line at any zoom"
     until(lambda: mark.edge_width, 5)
     before = mark.edge_width

@@ -14,7 +14,8 @@ import numpy as np
 from napari.components import ViewerModel
 from napari.layers import Image, Shapes
 from napari.utils.notifications import show_info
-from qtpy.QtCore import QTimer
+from qtpy.QtCore import Qt, QTimer
+from qtpy.QtGui import QGuiApplication
 from superqt.utils import qdebounced
 
 from napari_splinesketch.engine.types import OnProgress, Progress
@@ -325,7 +326,8 @@ class Controller(Keeper):
             drawn.put_into_frame(layer)
         if image and layer and drawn.clicked(self.viewer, layer):
             layer.remove([layer.nshapes - 1])
-            pick(self)
+            shift = Qt.KeyboardModifier.ShiftModifier in QGuiApplication.keyboardModifiers()
+            pick(self, add=shift)
         elif work and work.sketches.nshapes - 1 not in work.positions(work.suggested):
             self._refine_at_once()
 
