@@ -436,7 +436,7 @@ def test_curves_that_are_gone_on_with_have_as_many_knots_as_they_need() -> None:
     made = [Label(0, i, p, np.full(len(p), 3.0), np.full(len(p), 3.0), "good") for i, p in lines]
     (winding, straight), notes = records_of(Labels(tuple(made)), 1)
     assert (winding.id, straight.id) == (1, 2)
-    assert notes == ["curves count from 1 here, and from 0 in the file"]
+    assert notes == ["curve numbers are one higher here than in the file, which counts from 0"]
     drawn = spline.sample(winding.curve.knots, 900)[:, :2]
     assert spline.apart(winding.curve.points, drawn).mean() < 0.5
     assert len(winding.curve.knots) >= 24

@@ -304,7 +304,7 @@ def records_of(labels: Labels, frames: int) -> tuple[tuple[Record, ...], list[st
             number, label.frame, line, curve, label.review, label.locked, from_file=True
         )
         made.append(record)
-    notes = ["curves count from 1 here, and from 0 in the file"] * first
+    notes = ["curve numbers are one higher here than in the file, which counts from 0"] * first
     if beyond := len(curves) - len(here):
         notes += [f"left in the file: {counted(beyond, 'curve')} beyond the last frame"]
     return tuple(made), notes
