@@ -133,6 +133,16 @@ def test_pictures_are_made_when_they_are_read():
         _ = result.picture  # pyright: ignore[reportAttributeAccessIssue]
 
 
+def test_a_result_fills_no_pages_of_a_notebook():
+    made = frame(0)
+    result = refine(made.image, sketches_of(made))
+    assert "array" not in repr(result)
+    assert "reconstruction" not in vars(result)
+    [one, *_] = result.curves
+    said = f"status={one.status!r}, reasons={one.reasons!r}, residual={one.residual!r}"
+    assert repr(one) == f"Curve({said})"
+
+
 def test_a_stray_click_stops_nothing():
     made = frame(0)
     sketches = sketches_of(made)

@@ -1,7 +1,7 @@
 """What the engine takes and gives: immutable values, free of JAX."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Literal
 
@@ -47,10 +47,10 @@ class Curve:
         contrast.
     """
 
-    knots: Float[Array, "K 3"]
-    points: Float[Array, "100 2"]
-    half_width: Float[Array, "100"]
-    sd: Float[Array, "100"]
+    knots: Float[Array, "K 3"] = field(repr=False)
+    points: Float[Array, "100 2"] = field(repr=False)
+    half_width: Float[Array, "100"] = field(repr=False)
+    sd: Float[Array, "100"] = field(repr=False)
     status: Status
     reasons: tuple[str, ...]
     residual: float
@@ -130,8 +130,8 @@ class Refinement:
     """
 
     curves: tuple[Curve, ...]
-    reconstruction: Float[Array, "H W"]
-    background: Float[Array, "H W"]
+    reconstruction: Float[Array, "H W"] = field(repr=False)
+    background: Float[Array, "H W"] = field(repr=False)
     model: SceneModel
     seconds: float
 
