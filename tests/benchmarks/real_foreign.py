@@ -60,6 +60,14 @@ def _flat(u: np.ndarray) -> np.ndarray:
     return (u < 1).astype(float)
 
 
+def _tube(u: np.ndarray) -> np.ndarray:
+    return np.sqrt(np.clip(1 - u**2, 0, None))
+
+
+PROFILES = {"flat": _flat, "tube": _tube}
+"""Profiles of bodies that end at their half-width: a sheet's, and that of a tube that glows."""
+
+
 def _round(u: np.ndarray) -> np.ndarray:
     return np.exp(-2 * u**2)
 

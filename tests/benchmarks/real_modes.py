@@ -1,4 +1,4 @@
-"""Measurements of one thing each: crowd, order, ends, sizes, widths, contrast, hollow, suggest.
+"""Measurements of one thing each: crowds, order, ends, sizes, widths and others.
 
 python tests/benchmarks/real_modes.py [modes...] [--preset balanced] [--frames N]
 
@@ -21,7 +21,7 @@ os.environ.setdefault("JAX_PLATFORMS", "cpu")
 import numpy as np
 from frames import spoil
 from real_cases import FOLDERS, ROOT, Case, Line, freehand, in_folders, straightened
-from real_foreign import LOOKS, NAME, SET, TAPERS, pair, scene, single
+from real_foreign import LOOKS, NAME, PROFILES, SET, TAPERS, pair, scene, single
 from real_judge import MOST, shares, verdict
 from scipy.spatial import KDTree
 
@@ -52,6 +52,8 @@ LEAST_RIGHT = 1.4
 """A half-width that is wrong by more than this factor is wrong."""
 ENDS_FRAMES = 8
 """Ends vary by as much as a pixel: there are so many bodies of each taper for each frame."""
+THICK, LONG = (3.0, 6.0, 12.0), 150.0
+"""Half-widths and length of bodies of different profiles, px."""
 UNEQUAL = ("club",)
 """Tapers whose two ends are not alike."""
 RIMS = (3.5, 4.5, 6.0)
@@ -227,6 +229,19 @@ def widths(run: Refine, frames: int) -> Figures:
     return figures
 
 
+def profiles(run: Refine, frames: int) -> Figures:
+    """By how much the half-widths of single bodies come out too large, by profile; medians."""
+    figures: Figures = {}
+    for name, profile in PROFILES.items():
+        for half_width in THICK:
+            off = []
+            for seed in range(max(1, frames // 6)):
+                case = single(SEED + seed, half_width, LONG, profile=profile)
+                off.append(run(case.image, case.sketches[SET])[0].typical_half_width - half_width)
+            figures[f"{name}, half-width {half_width:g} px: off, px"] = float(np.median(off))
+    return figures
+
+
 def _bow(rng: np.random.Generator, row: float) -> Line:
     """A body that bows, from left to right."""
     along, high = np.linspace(0, 1, 400), rng.uniform(4, 9)
@@ -305,6 +320,7 @@ MODES = {
     "ends": ends,
     "sizes": sizes,
     "widths": widths,
+    "profiles": profiles,
     "contrast": contrast,
     "hollow": hollow,
     "suggest": suggested,

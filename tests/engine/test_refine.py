@@ -456,7 +456,7 @@ def test_a_fixed_curve_keeps_a_sketch_off_its_body():
 def test_a_body_that_a_fixed_curve_has_already_is_said_to_be_its():
     made, found = frame(4), refined(4)
     again = refine(made.image, sketches_of(made), fixed=found.curves).curves[0]
-    assert "it lies on the same body as a fixed curve" in again.reasons
+    assert "it lies on the same body as another curve" in again.reasons
 
 
 @pytest.mark.slow

@@ -168,7 +168,7 @@ def _curves(
             reasons.append("the body seems to go on beyond its ends")
         if i in twins:
             twin = twins[i] < len(bodies) and f"curve {island.members[twins[i]]}"
-            reasons.append(f"{SAME_BODY} {twin or 'a fixed curve'}")
+            reasons.append(f"{SAME_BODY} {twin or 'another curve'}")
         cuts = spline.knot_miss(start.line, len(body.knots)) > const.CORNERS_HW * body.half_width
         if start.found and cuts:
             reasons.append("it has too few knots to follow all bends of its body")
