@@ -1,4 +1,4 @@
-"""Curves that are changed by hand: knots moved, cut, joined, extended; knots of lines."""
+"""Curves that are changed by hand: knots moved, cut, joined, extended; the knots of a line."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -19,11 +19,11 @@ SHORTEST = 4.0
 SOME, MOST = 6, 96
 """Knots of a curve that was cut or joined."""
 ROUNDS = 4
-"""In which knots are found that a line passes through ..."""
+"""Gauss–Newton steps towards the knots of a line."""
 ALONG = 0.01
-"""... how much it counts there where along the line a point lies ..."""
+"""What a miss along a line counts beside one across it."""
 LEAST = 1e-9
-"""... and that a knot stays where it was."""
+"""The same of the move of a knot, so that each is determined."""
 
 
 def moved(curve: Curve, knots: Float[np.ndarray, "K 2"]) -> Curve:
