@@ -212,6 +212,7 @@ def test_the_table_as_text() -> None:
     assert lines[2].split(",")[2] == "it moved"
     assert lines[2].endswith(",False,µm")
     assert "\t" in text(MIXED, Ruler(), separator="\t")
+    assert "inf" not in text(MIXED, Ruler()), "means of a column are numbers"
 
 
 def test_layers_table_and_files_read_one_table_of_columns() -> None:

@@ -163,8 +163,9 @@ def as_table(rows: Rows) -> pd.DataFrame:
 def as_text(
     records: Sequence[Record], ruler: Ruler, beside: Beside = alone, *, separator: str = ","
 ) -> str:
-    """Write records as a table with a header, numbers in full."""
+    """Write records as a table with a header, numbers in full; nan for what is not known."""
     said = as_table(rows_of(records, ruler, beside)).rename(columns={"id": "curve"})
+    said = said.replace(np.inf, np.nan)
     return said.assign(units=ruler.unit).to_csv(None, sep=separator, index=False, na_rep="nan")
 
 
