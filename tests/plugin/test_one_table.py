@@ -56,7 +56,7 @@ assert "knots" in as_text([record], Ruler()).splitlines()[0]
 assert dock.colour_by.native.findText("Colour by number of knots") > 0
 assert legend([record], ("knots", Ruler())).startswith("10.0 ")
 shout = dock.curve.buttons["shout"]
-assert not shout.isEnabled() and shout.toolTip() == "Select a curve"
+assert not shout.isEnabled() and shout.toolTip() == "Say something\\nSelect a curve"
 controller.selected = (0, 1)
 assert shout.isEnabled() and shout.toolTip() == "Say something"
 shout.click()

@@ -41,7 +41,7 @@ class Button(qt.QPushButton):
     def allow(self, problem: str, tip: str) -> None:
         """Enable it, or let its tooltip say why not."""
         self.setEnabled(not problem)
-        self.setToolTip(problem or tip)
+        self.setToolTip(f"{tip}\n{problem}".rstrip())
 
 
 class MenuButton(Button):
