@@ -200,7 +200,7 @@ def test_curves_of_a_file_are_fitted_again_only_around_a_correction(
     over(film)
     viewer.open(tmp_path / "film.csv", plugin="napari-splinesketch")
     click(film.offer.labels)
-    until(c.records)
+    over(film)
     viewer.dims.set_point(0, 2)
     assert "Correct a curve of this frame first" in c.actions.problem("around")
     before = dict(c.state.by_key)
