@@ -37,7 +37,7 @@ def test_it_reads_like_an_array(name: str) -> None:
 
 def test_a_copy_can_be_drawn_into_and_has_the_type_that_is_asked_for() -> None:
     film, _ = film_of({0: patch(1.0, (0, 0))}, (2,))
-    copy = deepcopy(film)
+    copy: Any = deepcopy(film)
     copy[0, 1, 1] = 7
     assert np.asarray(copy)[0, 1, 1] == 7
     assert film[0, 1, 1] == 1
