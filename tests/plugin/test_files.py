@@ -596,6 +596,7 @@ def test_curves_that_are_gone_on_with_are_not_refined_again(qapp: Any, fake: Fak
         made.image((200, 128))
         made.viewer.add_layer(Shapes(data, **meta))
         made.saver.take_up()
+        assert made.controller.progress, "the window goes on meanwhile"
         until(made.controller.records)
         assert len(made.controller.records()) == 1
         assert not made.controller.request().targets, "whatever a layer rounds its points to"
