@@ -1,4 +1,4 @@
-"""Curves that are changed by hand: knots moved, cut, joined, extended."""
+"""Curves that are changed by hand: knots moved, cut, joined, extended; the knots of a line."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -18,6 +18,12 @@ SHORTEST = 4.0
 """A piece of a curve is at least this long, px."""
 SOME, MOST = 6, 96
 """Knots of a curve that was cut or joined."""
+ROUNDS = 4
+"""Gauss–Newton steps towards the knots of a line."""
+ALONG = 0.01
+"""What a miss along a line counts beside one across it."""
+LEAST = 1e-9
+"""The same of the move of a knot, so that each is determined."""
 
 
 def moved(curve: Curve, knots: Float[np.ndarray, "K 2"]) -> Curve:
@@ -87,6 +93,38 @@ def extended(curve: Curve, at_end: bool, by: float) -> Curve:
     points = np.concatenate([line, line[-1] + steps * along])
     # The profile stretches with the curve, so that it tapers at the new end.
     return moved(curve, spline.fit_knots(points, min(len(curve.knots) + 1, MOST)))
+
+
+def places(knots: Float[np.ndarray, "K _"], count: int) -> Float[np.ndarray, " N"]:
+    """Where along the parameter of a spline, 0 to 1, its points are that are evenly spaced."""
+    dense = 8 * max(count, POINTS)
+    along = spline.arc_length(spline.even_basis(len(knots), dense) @ knots)
+    return np.interp(np.linspace(0, along[-1], count), along, np.linspace(0, 1, dense))
+
+
+def knots_through(
+    points: Float[np.ndarray, "N 2"], count: int
+) -> tuple[Float[np.ndarray, "K 2"], float]:
+    """Give the knots of the spline whose evenly spaced points are nearest to these; its miss, px.
+
+    Those of a curve come back, and with them how it bends: unlike those of `spline.fit_knots`, they
+    need not be evenly spaced. The miss is a root mean square.
+    """
+    # Where along the spline a point comes to lie hardly matters.
+    weights = np.array([spline.normals(points), ALONG * spline.tangents(points)])
+    weights[1, [0, -1]] /= ALONG
+    tried, knots = list[tuple[float, Float[np.ndarray, "K 2"]]](), spline.fit_knots(points, count)
+    for _ in range(ROUNDS):
+        basis = spline.basis(count, places(knots, len(points)))
+        off = points - basis @ knots
+        tried.append((float(np.sqrt((off**2).sum(1).mean())), knots))
+        rows = (weights[..., None] * basis[:, None]).reshape(-1, 2 * count)
+        step = np.linalg.solve(
+            rows.T @ rows + LEAST * np.eye(2 * count), rows.T @ (weights * off).sum(axis=2).ravel()
+        )
+        knots = knots + step.reshape(2, count).T
+    miss, best = min(tried, key=lambda each: each[0])
+    return best, miss
 
 
 def body_width(curve: Curve) -> float:

@@ -1,21 +1,14 @@
-"""Bodies as lines with a width: their sides, how scaling widens them; points and knots of lines."""
+"""Bodies as lines with a width: their sides, how scaling widens them; and fewer points of lines."""
 
 from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Bool, Float
 
-from napari_splinesketch.engine import spline
-from napari_splinesketch.engine.types import POINTS, Array
+from napari_splinesketch.engine.types import Array
 
 SEEN = 0.03
 """How far a drawn line may lie from the curve, px."""
-ROUNDS = 4
-"""Gauss–Newton steps towards the knots of a line."""
-ALONG = 0.01
-"""What a miss along a line counts beside one across it."""
-LEAST = 1e-9
-"""The same of the move of a knot, so that each is determined."""
 
 
 def width_growth(points: Float[Array, "N 2"], scale: tuple[float, float]) -> Float[Array, " N"]:
@@ -45,36 +38,6 @@ def with_width(knots: Float[Array, "K 2"], half_width: Float[Array, " N"]) -> Fl
     """Add half-widths to knots; both are spread evenly along the curve."""
     there, known = (np.linspace(0, 1, len(along)) for along in (knots, half_width))
     return np.column_stack([knots, np.interp(there, known, half_width)])
-
-
-def places(knots: Float[Array, "K _"], count: int) -> Float[Array, " N"]:
-    """Where along the parameter of a spline, 0 to 1, its points are that are evenly spaced."""
-    dense = 8 * max(count, POINTS)
-    along = spline.arc_length(spline.even_basis(len(knots), dense) @ knots)
-    return np.interp(np.linspace(0, along[-1], count), along, np.linspace(0, 1, dense))
-
-
-def knots_through(points: Float[Array, "N 2"], count: int) -> tuple[Float[Array, "K 2"], float]:
-    """Give the knots of the spline whose evenly spaced points are nearest to these; its miss, px.
-
-    Those of a curve come back, and with them how it bends: unlike those of `spline.fit_knots`, they
-    need not be evenly spaced. The miss is a root mean square.
-    """
-    # Where along the spline a point comes to lie hardly matters.
-    weights = np.array([spline.normals(points), ALONG * spline.tangents(points)])
-    weights[1, [0, -1]] /= ALONG
-    tried, knots = list[tuple[float, Float[Array, "K 2"]]](), spline.fit_knots(points, count)
-    for _ in range(ROUNDS):
-        basis = spline.basis(count, places(knots, len(points)))
-        off = points - basis @ knots
-        tried.append((float(np.sqrt((off**2).sum(1).mean())), knots))
-        rows = (weights[..., None] * basis[:, None]).reshape(-1, 2 * count)
-        step = np.linalg.solve(
-            rows.T @ rows + LEAST * np.eye(2 * count), rows.T @ (weights * off).sum(axis=2).ravel()
-        )
-        knots = knots + step.reshape(2, count).T
-    miss, best = min(tried, key=lambda each: each[0])
-    return best, miss
 
 
 def area(polygon: Float[Array, "N 2"]) -> float:

@@ -23,13 +23,13 @@ from napari.utils.history import get_save_history, update_save_history
 from napari.utils.notifications import show_info
 from qtpy.QtWidgets import QFileDialog, QWidget
 
-from napari_splinesketch import palette
+from napari_splinesketch import editing, palette
 from napari_splinesketch.data import load_sample
 from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.settings import Settings
 from napari_splinesketch.engine.types import POINTS, Curve, OnProgress, Progress, Status
 from napari_splinesketch.files import counted
-from napari_splinesketch.geometry import knots_through, thinned, with_width
+from napari_splinesketch.geometry import thinned, with_width
 from napari_splinesketch.labels import Label, Labels, LabelsError, shapes_csv, table
 from napari_splinesketch.labels.formats import WRITERS, claiming, read_labels, write_labels
 from napari_splinesketch.labels.types import in_frames
@@ -293,7 +293,7 @@ def records_of(labels: Labels, frames: int) -> tuple[tuple[Record, ...], list[st
     made = []
     for label in here:
         even, status = label.resampled(POINTS), cast(Status, label.status)
-        few = (knots_through(even.points, n) for n in Settings.knots)
+        few = (editing.knots_through(even.points, n) for n in Settings.knots)
         line = next((found for found, miss in few if miss < KNOT_MISS), even.points)
         knots = with_width(line, even.half_width)
         reasons = () if status == "good" else ("the file does not say why",)

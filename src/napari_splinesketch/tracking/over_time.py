@@ -8,9 +8,9 @@ from reprlib import repr as short
 import numpy as np
 from jaxtyping import Float, Int
 
+from napari_splinesketch.editing import places
 from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.types import Curve
-from napari_splinesketch.geometry import places
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,9 +13,9 @@ from jaxtyping import Float
 from scipy import ndimage
 from scipy.spatial.distance import cdist
 
+from napari_splinesketch.editing import places
 from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.types import Curve
-from napari_splinesketch.geometry import places
 from napari_splinesketch.tracking.motion import Points
 
 REACH = 4
