@@ -13,3 +13,10 @@ def test_a_fault_has_its_place_and_its_tests(fault: Fault) -> None:
     assert fault.old != fault.new
     compile(whole.replace(fault.old, fault.new), fault.file, "exec")
     assert all((ROOT / "tests" / name).exists() for name in fault.tests)
+
+
+def test_the_page_lists_each_fault_with_its_file() -> None:
+    page = (ROOT / "docs" / "tests.md").read_text(encoding="utf-8")
+    rows = [line.split(" | ") for line in page.splitlines() if line.count(" | ") == 3]
+    listed = sorted((row[0].removeprefix("| "), row[1]) for row in rows if ".py" in row[0])
+    assert listed == sorted((fault.file, fault.what) for fault in faults())
