@@ -27,11 +27,10 @@ def block(word: str) -> str:
 
 
 def test_predictions_of_one_image_are_refined() -> None:
-    scene = SCENES[0]
-    names: dict = {"synthetic": synthetic, "refine": refine, "scene": scene}
+    names: dict = {}
     exec(block("compress"), names)
     for truth, before, after in zip(
-        scene.centrelines, names["predicted"], names["refined"], strict=True
+        names["scene"].centrelines, names["predicted"], names["refined"], strict=True
     ):
         assert average_dtw(after, truth) < min(0.6, average_dtw(before, truth))
 
@@ -53,13 +52,11 @@ def test_predictions_of_a_film_are_refined_by_one_command(
 
 def test_width_is_drawn_against_arc_length() -> None:
     mpl.use("Agg")
-    import matplotlib.pyplot as plt
-
     scene = SCENES[0]
-    names: dict = {"np": np, "plt": plt, "result": refine(scene.image, scene.centrelines)}
+    names: dict = {"result": refine(scene.image, scene.centrelines)}
     exec(block("plt.plot"), names)
-    x, y = plt.gca().lines[0].get_data()
-    plt.close()
+    x, y = names["plt"].gca().lines[0].get_data()
+    names["plt"].close()
     assert np.asarray(x)[-1] == pytest.approx(arc_length(scene.centrelines[0])[-1], abs=3.5)
     middle = slice(40, 60)
     assert np.mean(np.asarray(y)[middle]) == pytest.approx(
@@ -73,11 +70,11 @@ def test_each_body_is_rendered_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(phases, "refine_paper", partial(phases.refine_paper, settings=few))
     # As large as the scenes of test_phases.py, which are fitted by the same compiled programs.
     scene = synthetic.scene(0, shape=(110, 128), length=80)
-    sign = 1 if scene.look.polarity == "bright" else -1
-    normal = sign * (scene.image - np.median(scene.image)) / scene.look.contrast
-    names: dict = {"normal": normal, "sketches": list(scene.centrelines)}
+    predicted = list(scene.centrelines)
+    result = refine(scene.image, predicted)
+    names: dict = {"scene": scene, "predicted": predicted, "result": result}
     exec(block("render_bodies"), names)
-    (body,) = names["bodies"]
+    (body,), normal = names["bodies"], names["normal"]
     assert body.shape == normal.shape
     row, col = np.round(scene.centrelines[0][10:-10]).astype(int).T
     assert np.median(body[row, col]) == pytest.approx(np.median(normal[row, col]), rel=0.25)

@@ -22,7 +22,7 @@ class Weights(NamedTuple):
     scale: float = 0.05
     """λ₄."""
     prior_width: float = 0.5
-    """W̄: what the narrowest r_w of a spline should be, 0 to 1."""
+    """w̄: what the narrowest r_w of a spline should be, 0 to 1."""
 
 
 class Target(NamedTuple):
