@@ -191,7 +191,7 @@ class Labels:
         return cls(labels, **known)
 
     def with_pixel_size(self, scale: tuple[float, float], units: str | None) -> "Labels":
-        """Give the (y, x) size of a pixel, in its unit or the known one; lines become pixels."""
+        """Give a size of a pixel, (y, x), in these units or the known ones; lines become pixels."""
         if not self.in_units:
             return replace(self, scale=scale, units=units or self.units)
         if units is not None and unit_of(units) != self.units:

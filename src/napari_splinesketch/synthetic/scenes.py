@@ -58,9 +58,10 @@ def scene(
         Number of bodies.
     shape
         Height and width of the frame, px.
-    length, half_width
-        Typical values, px; each body's length is 0.8-1.1 times, its half-width 0.83-1.17 times
-        as much.
+    length
+        Typical length, px; each body's is 0.8-1.1 times as much.
+    half_width
+        Typical half-width, px; each body's is 0.83-1.17 times as much.
     bend
         Strength of bending: 0 straight, 1 mostly C and S shapes.
     crossing

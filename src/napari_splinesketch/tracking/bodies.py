@@ -43,12 +43,13 @@ class Body:
     """One body through time."""
 
     id: int
+    """Its number."""
     seen: tuple[tuple[int, Curve], ...]
-    """(frame, curve) where it could be trusted, the latest last."""
+    """(frame, curve) of the last frames in which its curve could be trusted, the latest last."""
     misses: int = 0
-    """Frames since."""
+    """Frames since the latest of those."""
     lengths: tuple[float, ...] = ()
-    """Those of more frames, px."""
+    """Its lengths in those frames and in earlier ones, px."""
 
     @cached_property
     def length(self) -> float:
@@ -57,20 +58,20 @@ class Body:
 
     @cached_property
     def length_sd(self) -> float:
-        """By how much its length varies, px."""
+        """Standard deviation of its length, px."""
         off = np.abs(np.array(self.lengths or (self.length,)) - self.length)
         return max(NORMAL * float(np.median(off)), EVEN * self.length)
 
     def exceeds(self, more: float) -> bool:
-        """Whether a difference from its length, px, is more than usual."""
+        """Whether its length does not usually vary by so much, px."""
         return more > max(LONG * self.half_width, LONGER * self.length_sd)
 
     def exceeded(self, curve: Curve) -> bool:
-        """Whether a curve is longer than its body can be, if that has been seen often enough."""
+        """Whether a curve is longer than the body can be; False until it was seen often enough."""
         return len(self.lengths) >= MEMORY and self.exceeds(curve.length - self.length)
 
     def lacks(self, curve: Curve) -> bool:
-        """Whether a curve is so short that something may hide the rest."""
+        """Whether a curve is so short that something may hide the rest of the body."""
         usual = max(SHORT * self.half_width, SURELY * self.length_sd)
         return self.length - curve.length > usual
 
@@ -80,12 +81,12 @@ class Body:
         return median(curve.typical_half_width for _, curve in self.seen)
 
     def predicted(self, frame: int) -> motion.Predicted:
-        """Where it is in a frame."""
+        """Where the body is expected in a frame."""
         found = motion.ahead(lines_of(self.seen))(frame)
         return found._replace(line=motion.of_length(found.line, self.length))
 
     def with_curve(self, frame: int, curve: Curve) -> "Body":
-        """Give the body after a frame in which it can be trusted."""
+        """Give the body after a frame in which this curve of it can be trusted."""
         seen = (*self.seen, (frame, curve))[-MEMORY:]
         lengths = self.lengths or tuple(c.length for _, c in self.seen)
         if not curve_inferred(curve):
@@ -93,5 +94,5 @@ class Body:
         return replace(self, seen=seen, lengths=lengths[-LENGTHS:], misses=0)
 
     def missed(self) -> "Body":
-        """Give the body after a frame in which it cannot."""
+        """Give the body after a frame in which it has no curve that can be trusted."""
         return replace(self, misses=self.misses + 1)

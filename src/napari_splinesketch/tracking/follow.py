@@ -47,35 +47,36 @@ def follow(
     frames
         Numbers of the frames to go to, in that order: forwards or backwards.
     start
-        The bodies as they are known before; those without a curve that has a length, such as that
-        of a sketch of one point, take no part.
+        The bodies as they are known before, such as `Body(0, ((frame, curve),))`; those without a
+        curve that has a length take no part.
     read
-        Gives a frame by its number: its pixels (H, W), or a `View` of it or of what is around
-        some lines in it.
+        Called as `read(frame, lines)`: gives the pixels of the frame (H, W), or a `View` of them or
+        of the part around these lines.
     refine
         Refines sketches; None takes the engine.
     preset
-        How much work to do.
+        "balanced" or "paper".
     given
         What stays as it is in a frame: it is not refined again, and tracking goes on from there.
     on_progress
         Called with a `Progress` now and then; returning False ends the tracking, without the
         frame that is being worked on.
     smooth
-        Whether frames are held back where only those after them tell what is there; otherwise
-        each frame is given by itself.
+        Whether a frame in doubt is held back until later ones tell what is there; otherwise each
+        frame is decided by itself.
     pictures
-        Whether reconstruction and background of the frames are wanted; otherwise frames that are
-        held back keep their pixels alone.
+        Whether reconstruction and background of the frames are wanted; without them, frames that
+        are held back need less memory.
     contrast
-        That of the bodies in the frames before, where it is known.
+        Contrast of the bodies in the frames before; None where it is not known.
     early
         Called with each frame that is held back, as it is by then and without its pictures;
         curves that are not decided yet say so.
 
     Yields
     ------
-    A `Tracked` for each frame; one that cannot be read or refined does not stop the others.
+    Tracked
+        One for each frame; a frame that cannot be read or refined does not stop the others.
     """
     bodies = {}
     for body in start:

@@ -22,12 +22,12 @@ class View:
     pixels: Real[np.ndarray, "H W"]
     """(H, W), grey."""
     place: Grid = WHOLE
-    """Where they lie in the image."""
+    """Where the pixels lie in the image."""
     whole: bool = True
-    """Whether their border is the image's."""
+    """Whether they are all of the image, so that their border is the image's."""
 
     def around(self, lines: Sequence[Line]) -> "View":
-        """A copy of as much of it as the engine looks at for some lines, px of the image."""
+        """A copy of the part that the engine looks at for some lines, px of the image."""
         blocks = [self.place.to_block(line) for line in lines]
         margin = MARGIN + max(arc_length(line)[-1] for line in blocks) / 2 + 1
         points = np.concatenate(blocks)
@@ -42,11 +42,11 @@ class Given:
     """What stays as it is in a frame."""
 
     curves: Mapping[int, Curve] = field(default_factory=dict)
-    """Curves by number, px of the image; tracking goes on from them."""
+    """Curves by number, px of the image."""
     whole: bool = False
     """Whether they are all there is: then nothing is added to the frame."""
     leads: bool = True
-    """Whether tracking goes on from them; otherwise others do not begin with them."""
+    """Whether tracking goes on from all of them, or only from those of bodies that it follows."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +64,7 @@ class Tracked:
     missing: Mapping[int, str] = field(default_factory=dict)
     """Why a body has no curve here, by number."""
     lost: frozenset[int] = frozenset()
-    """Those of the missing that are not looked for any more."""
+    """Numbers of the missing bodies that are not looked for any more."""
     given: tuple[int, ...] = ()
     """Numbers of the curves that stay as they are."""
     refinement: Refinement | None = None
@@ -82,7 +82,7 @@ class Tracked:
 
     @property
     def curves(self) -> tuple[Curve, ...]:
-        """Their curves."""
+        """Curves of the bodies that were placed, in the order of `ids`."""
         return tuple(self.by_id.values())
 
 
