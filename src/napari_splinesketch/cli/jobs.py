@@ -95,8 +95,8 @@ class ScaledJob(Job):
 class PlaneJob(Job):
     """A command that may read an image, or one plane of it."""
 
-    channel: int | None = opt("channel of a multi-channel image, from 0", "N")
-    z: int | None = opt("plane of an image that has planes and times, from 0", "N")
+    channel: int | None = opt("channel of a multi-channel image, counted from 0", "N")
+    z: int | None = opt("plane of an image that has planes and times, counted from 0", "N")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -114,7 +114,7 @@ class FrameJob(ScaledJob, ImageJob):
         "whether bodies are brighter or darker than what is around them; auto looks", default="auto"
     )
     half_width: float | None = opt(
-        "rough distance from a body's centreline to its edge; measured where not given",
+        "rough distance from a body's centreline to its edge; measured if not given",
         "PX",
         allowed=POSITIVE,
     )
@@ -127,7 +127,10 @@ class FrameJob(ScaledJob, ImageJob):
 class SketchedJob(FrameJob):
     """A command that refines sketches."""
 
-    preset: PresetName = opt("this engine, or the recipe of the paper", default="balanced")
+    preset: PresetName = opt(
+        "balanced (fast and thorough are the same), or the published method, which is slow",
+        default="balanced",
+    )
     sketches: Path = opt(metavar="SKETCHES", read=True)
 
 
@@ -194,7 +197,7 @@ class SuggestJob(SharedJob):
         allowed=SHARE,
         default=0.5,
     )
-    frame: int | None = opt("suggest on this frame only, from 0", "N")
+    frame: int | None = opt("suggest on this frame only, counted from 0", "N")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -214,7 +217,7 @@ class TrackJob(SketchedJob):
       napari-splinesketch track film.tif film.csv -o labels.csv --preset balanced --last 1 --resume
     """
 
-    last: int | None = opt("stop after this frame, from 0", "N")
+    last: int | None = opt("stop after this frame, counted from 0", "N")
     smooth: Literal["on", "off"] = opt(
         "use the frames before and after where one frame is not enough", default="on"
     )
@@ -239,8 +242,8 @@ class DemoJob(Job):
 class ConvertJob(ScaledJob):
     """Convert labels to another format.
 
-    Read labels or sketches from one file and write them to another. The endings of their names
-    decide the formats. The command says what the new format has no place for.
+    Read labels or sketches from one file and write them to another. The ending of its name decides
+    the new format. The command says what that has no place for.
 
     {formats}
 
@@ -341,8 +344,8 @@ Each command has its own help: napari-splinesketch refine --help"""
 
 def help_of(command: type[Job]) -> str:
     """Give a command's help."""
-    written = (f"  {form.suffix:18} {form.name}" for form in WRITERS)
-    read = (f"  {', '.join(form.endings):18} {form.name}" for form in READERS)
+    written = (f"  {form.suffix:30} {form.name}" for form in WRITERS)
+    read = (f"  {', '.join(form.endings):30} {form.name}" for form in READERS)
     listed = "\n".join(["formats written:", *written, "", "formats read:", *read])
     text = cleandoc(command.__doc__ or "").partition("\n\n")[2].replace("{formats}", listed)
     return f"{text}\n\n{EXIT_CODES}" if issubclass(command, FrameJob) else text
