@@ -8,7 +8,7 @@ import numpy as np
 from collect import Results
 from frames import COUNTS, LINE_KINDS, SWEEPS, TABLE_KINDS, Cell
 from methods import LABELS
-from scaling import Point
+from scaling import SIDES, Point
 from stats import FAR, Summary
 
 mpl.use("Agg")
@@ -164,10 +164,11 @@ def scaling(points: Sequence[Point], path: Path) -> None:
         panels[1].plot([p.side for p in sides], [p.seconds for p in sides], **style)
         panels[2].plot([p.bodies for p in counts], [p.peak_mib for p in counts], **style)
     panels[0].set(xlabel="curves", ylabel="seconds", title="4194 px² a body")
-    panels[1].set(xlabel="height and width, px", ylabel="seconds", title="10 curves")
+    panels[1].set(xlabel="height and width, px", ylabel="seconds", title="10 curves", ylim=(0.1, 1))
     panels[2].set(xlabel="curves", ylabel="peak memory, MiB", ylim=(100, 4000))
     for panel in panels:
         if any(len(line.get_xdata()) for line in panel.lines):
             _logarithmic(panel, "xy")
+    panels[1].set_xticks(SIDES, labels=map(str, SIDES))
     figure.legend(*_legend(panels), loc="outside lower center", ncols=6, frameon=False)
     save(figure, path)

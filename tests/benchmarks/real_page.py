@@ -198,6 +198,7 @@ def chart(rows: Sequence[Row]) -> None:
             good = summary(mine).good
             axes.plot(seconds, good, "o")
             axes.annotate(LABELS[method], (seconds, good), (5, 4), textcoords="offset points")
-    axes.set(xscale="log", xlabel="seconds a body", ylabel="good, %", ylim=(0, 100))
+    axes.margins(x=0.5)
+    axes.set(xlabel="seconds a body", ylabel="good, %", xlim=(0, None), ylim=(0, 100))
     figure.savefig(CHART, metadata={"Date": None})
     plt.close(figure)
