@@ -78,6 +78,8 @@ def test_frames_may_be_arrays_and_other_things_are_refused_in_words() -> None:
     twice = [Body(7, ((0, curve(line)),)) for line in (LINE, LINE + 20)]
     with pytest.raises(ValueError, match="start has two bodies 7; give each its own number"):
         list(follow([1], twice, bright))
+    with pytest.raises(ValueError, match="preset is 'slow'; choose one of fast"):
+        run(FakeRefine(), preset="slow")
 
 
 def known(start: dict[int, list[tuple[int, Curve]]]) -> list[Body]:

@@ -9,7 +9,7 @@ from reprlib import repr as short
 import numpy as np
 
 from napari_splinesketch.engine.checks import checked_image
-from napari_splinesketch.engine.settings import PresetName
+from napari_splinesketch.engine.settings import PRESETS, PresetName
 from napari_splinesketch.engine.types import Curve, OnProgress, Progress, Refinement, says_stop
 from napari_splinesketch.files import failure_of
 from napari_splinesketch.tracking.bodies import Body
@@ -78,6 +78,8 @@ def follow(
     Tracked
         One for each frame; a frame that cannot be read or refined does not stop the others.
     """
+    if preset not in PRESETS:
+        raise ValueError(f"preset is {preset!r}; choose one of {', '.join(PRESETS)}")
     bodies = {}
     for body in start:
         if not isinstance(body, Body):
