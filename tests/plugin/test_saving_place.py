@@ -4,6 +4,7 @@ import json
 import os
 import re
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -115,6 +116,27 @@ def test_the_folder_of_an_image_without_a_file_has_its_name(
     assert dock.saver.place is not None
     name = dock.saver.place.name
     assert re.fullmatch(r"Plate 3 wild type 1\.[0-9a-f]{12}\.splinesketch", name)
+
+
+class Tensor:
+    """An array of another library, whose types are not NumPy's."""
+
+    dtype, ndim = SimpleNamespace(name="float32"), 2
+
+    def __init__(self, array: np.ndarray):
+        self._array, self.shape, self.size = array, array.shape, array.size
+
+    def __getitem__(self, place: Any) -> np.ndarray:
+        return self._array[place]
+
+    def __array__(self, *more: Any, **options: Any) -> np.ndarray:
+        return self._array
+
+
+def test_work_on_an_array_of_another_library_is_saved(viewer: Any, dock: SplinesketchDock) -> None:
+    viewer.add_image(Tensor(np.random.default_rng(0).random((60, 80)).astype(np.float32)))
+    until(lambda: dock.saver.place or dock.saver.problem, 20)
+    assert not dock.saver.problem
 
 
 @pytest.mark.parametrize("called", ["", "cells of then."])

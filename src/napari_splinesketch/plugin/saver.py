@@ -340,11 +340,13 @@ def _session(work: results.Work) -> Session:
 def _checksum(pixels: Any, frames: int) -> str:
     """Tell an image by shape, type and some pixels of its first, middle and last frame."""
     shape = tuple(map(int, pixels.shape))
-    digest = hashlib.sha256(repr((shape, np.dtype(pixels.dtype).str)).encode())
     leading, (rows, columns) = shape[:frames], shape[frames : frames + 2]
     every = slice(None, None, max(1, int(np.ceil(np.sqrt(rows * columns / LOOKED_AT)))))
     total = int(np.prod(leading, dtype=int))
-    for frame in sorted({0, total // 2, total - 1}):
-        index = tuple(int(i) for i in np.unravel_index(frame, leading)) if leading else ()
-        digest.update(np.ascontiguousarray(pixels[(*index, every, every)]).tobytes())
+    places = (np.unravel_index(frame, leading) for frame in sorted({0, total // 2, total - 1}))
+    read = [np.ascontiguousarray(pixels[(*map(int, at), every, every)]) for at in places]
+    # The type as it is read: arrays of other libraries have types of their own.
+    digest = hashlib.sha256(repr((shape, read[0].dtype.str)).encode())
+    for frame in read:
+        digest.update(frame.tobytes())
     return digest.hexdigest()
