@@ -304,6 +304,20 @@ def test_a_run_whose_last_output_failed_names_it_and_is_resumed(
     ]
 
 
+def test_a_disk_that_is_full_from_the_start_is_left_as_it_was(
+    folder: Path,
+    engine: FakeEngine,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    with monkeypatch.context() as patched:
+        patched.setattr(os, "fsync", full)
+        assert refine() == 2
+    assert "labels.csv.partial: no space left" in capsys.readouterr().err
+    assert sorted(os.listdir(folder)) == ["film.tif", "sketches.csv"]
+    assert refine("--resume") == 0
+
+
 def test_an_output_that_somebody_has_changed_meanwhile_is_kept(
     folder: Path,
     engine: FakeEngine,

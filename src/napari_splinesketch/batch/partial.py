@@ -13,7 +13,7 @@ import tifffile
 from jaxtyping import Float
 
 from napari_splinesketch.batch.reports import FrameReport
-from napari_splinesketch.files import atomic
+from napari_splinesketch.files import atomic, atomic_folder
 from napari_splinesketch.labels import Label, Labels, LabelsError, table
 
 FRAMES_A_FOLDER = 1000
@@ -82,8 +82,10 @@ class Partial:
     ) -> None:
         """Keep a finished frame; its report is written last."""
         if not self._note.exists():
-            self.folder.mkdir(exist_ok=True)
-            _write(self._note, json.dumps(self._mine).encode())
+            with atomic_folder(self.folder) as new, (new / self._note.name).open("w") as note:
+                json.dump(self._mine, note)
+                note.flush()
+                os.fsync(note.fileno())
         self._path(report.frame, "").parent.mkdir(exist_ok=True)
         content = table.text(labels).encode()
         _write(self.table(report.frame), content)
