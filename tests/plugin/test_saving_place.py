@@ -178,6 +178,30 @@ def test_work_on_a_film_of_pictures_is_found_however_they_are_opened(
     assert len(sessions(tmp_path)) == 1
 
 
+def test_nothing_is_written_into_a_zarr_of_which_the_image_is_a_part(
+    qapp: Any, fake: FakeEngine, tmp_path: Path
+) -> None:
+    part = tmp_path / "plate.zarr" / "A" / "1" / "0"
+    part.mkdir(parents=True)
+    for known in (False, True):
+        with bench() as made:
+            made.image()._set_source(Source(path=str(part)))
+            if known:
+                made.resume()
+            else:
+                made.sketches()
+                made.refine()
+            assert len(made.controller.records()) == 2
+    (saved,) = sessions(tmp_path)
+    assert saved.parents[2] == tmp_path
+    # As it was saved before.
+    inside = saved.parents[1].rename(part.parent / saved.parents[1].name)
+    with bench() as made:
+        made.image()._set_source(Source(path=str(part)))
+        made.resume()
+        assert made.saver.place == inside
+
+
 def test_work_stays_beside_an_image_that_a_script_opened_and_left(
     qapp: Any, fake: FakeEngine, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -125,7 +125,8 @@ def ask_where(
     It is proposed beside the image's own, or where the last one was saved.
     """
     image = controller.image
-    near = Path(image.source.path).parent if image and image.source.path else Path("nowhere")
+    path = image and image.source.path
+    near = beside(Path(path)) if path else Path("nowhere")
     folder = near if near.is_dir() else Path(get_save_history()[0])  # it may come from a server
     proposed, endings = str(folder / name), [*kinds.values()]
     chosen, kind = QFileDialog.getSaveFileName(parent, title, proposed, ";;".join(kinds))
@@ -139,6 +140,12 @@ def ask_where(
     ways = f"choose another name, or type {name} in full to replace it"
     controller.say(f"Not saved: {name} exists already; {ways}.")
     return ""
+
+
+def beside(path: Path) -> Path:
+    """Name the folder that an image is in, or the Zarr of which it is a part."""
+    inside = (folder.parent for folder in reversed(path.parents) if folder.suffix == ".zarr")
+    return next(inside, path.parent)
 
 
 def with_ending(path: str, suffix: str, suffixes: Sequence[str]) -> str:

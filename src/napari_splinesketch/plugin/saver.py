@@ -25,7 +25,7 @@ from napari_splinesketch.labels import LabelsError
 from napari_splinesketch.plugin import engine, sessions, words
 from napari_splinesketch.plugin.choices import PLACED, listen
 from napari_splinesketch.plugin.controller import Controller
-from napari_splinesketch.plugin.files import lay, read_with, records_of
+from napari_splinesketch.plugin.files import beside, lay, read_with, records_of
 from napari_splinesketch.plugin.layers import pictures, results
 from napari_splinesketch.plugin.layers.drawn import add_shapes, empty_layer, line_style, shapes_in
 from napari_splinesketch.plugin.layers.space import frame_count, in_stack, size_of
@@ -63,13 +63,15 @@ class Home:
         called = called if len(os.fsencode(called)) <= LONGEST_NAME else ending
         parents = [user_data_path("napari-splinesketch") / "sessions"]
         if path is not None:
-            beside = path.parent / called
-            writable = os.access(beside if beside.exists() else path.parent, os.W_OK)
-            parents.insert(0 if writable else 1, path.parent)
+            folder = beside(path)
+            there = folder / called
+            writable = os.access(there if there.exists() else folder, os.W_OK)
+            parents.insert(0 if writable else 1, folder)
         if chosen:
             parents.insert(0, Path(chosen).expanduser())
-        # A film of pictures may have been opened as their folder, or by its first picture.
-        places = [*parents, *([path, path.parent.parent] if path else [])]
+        # A film of pictures may have been opened as their folder, or by its first picture; work on
+        # a part of a Zarr used to be saved in it.
+        places = {*parents, *([path, *path.parents[:2]] if path else [])}
         found = dict[Path, Head]()
         for folder in chain.from_iterable(sorted(each.glob(f"*{ending}/*")) for each in places):
             try:
