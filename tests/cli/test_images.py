@@ -464,6 +464,19 @@ def test_what_cannot_be_read_is_said(
     assert reason in str(caught.value)
 
 
+def test_a_picture_that_may_not_be_opened_says_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    imageio.v3.imwrite(path := tmp_path / "worms.png", np.zeros((8, 8), np.uint8))
+
+    def refuse(*arguments: object) -> None:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(Path, "open", refuse)
+    with pytest.raises(ImageError, match="Permission denied"), open_frames(str(path)):
+        pass
+
+
 def test_a_channel_or_frame_that_is_not_there(tmp_path: Path) -> None:
     name = channels(tmp_path)
     with (

@@ -153,6 +153,7 @@ def _still_or_film(path: Path, moves: bool, channel: int | None, z: int | None) 
     plugin: Any = "pyav" if moves else "pillow"
     with ExitStack() as inside:
         try:
+            path.open("rb").close()  # imageio does not say why it cannot open a file
             file: Any = inside.enter_context(imageio.v3.imopen(path, "r", plugin=plugin))
             count = (file.properties().n_images or 0) if moves else 1
             inks = not moves and file.metadata(index=0)["mode"] == "CMYK"
