@@ -92,7 +92,8 @@ def extended(curve: Curve, at_end: bool, by: float) -> Curve:
     steps = np.linspace(0, by, 9)[1:, None]
     points = np.concatenate([line, line[-1] + steps * along])
     # The profile stretches with the curve, so that it tapers at the new end.
-    return moved(curve, spline.fit_knots(points, min(len(curve.knots) + 1, MOST)))
+    even = spline.resample(points, len(points))
+    return moved(curve, knots_through(even, min(len(curve.knots) + 1, MOST))[0])
 
 
 def places(knots: Float[np.ndarray, "K _"], count: int) -> Float[np.ndarray, " N"]:
@@ -140,7 +141,7 @@ def _fitted(curves: Sequence[Curve], piece: slice = slice(None), share: float = 
     knots = sum(len(curve.knots) for curve in curves)
     count = int(np.clip(knots if share == 1 else round(share * knots) + 2, SOME, MOST))
     even = spline.resample(np.column_stack([points, width]), POINTS)
-    found = spline.fit_knots(points, count)
+    found, _ = knots_through(spline.resample(points, max(len(points), POINTS)), count)
     residual = max(curve.residual for curve in curves)
     return _by_hand(with_width(found, even[:, 2]), even[:, 2], residual)
 

@@ -71,6 +71,17 @@ def test_two_are_joined_by_their_nearest_ends(turn: str) -> None:
     np.testing.assert_allclose(whole.points[[0, -1]], expected[[0, -1]], atol=0.1)
 
 
+def test_what_is_cut_joined_or_lengthened_stays_where_it_is() -> None:
+    x = np.array([0.0, 8, 20, 28, 40, 46, 60, 71, 80])  # as knots are that were fitted: uneven
+    knots = np.column_stack([6 * np.sin(x / 15), x, np.full(KNOTS, 2.0)])
+    curve = replace(bent(), knots=knots, points=spline.sample(knots[:, :2], 100))
+    pieces = shaping.split(curve, 55)
+    longer = shaping.extended(curve, True, 4.0)
+    for made in (pieces, [shaping.joined(*pieces)], [longer]):
+        along = np.concatenate([spline.resample(each.points, 2000) for each in made])
+        assert spline.apart(curve.points, along).max() < 0.05
+
+
 @pytest.mark.parametrize("turned", [False, True])
 def test_two_that_lie_over_each_other_do_not_fold(turned: bool) -> None:
     curve = bent()
