@@ -122,6 +122,20 @@ def test_a_line_that_was_moved_is_saved_as_a_sketch(tmp_path: Path, labels: Labe
     np.testing.assert_allclose(found[1].points, labels.labels[1].points + 1, rtol=1e-6)
 
 
+def test_a_curve_is_saved_whole_under_a_number_that_the_user_gave_it(
+    tmp_path: Path, labels: Labels
+) -> None:
+    path = str(tmp_path / "a.csv")
+    write_labels(path, labels)
+    layer: Any = Layer.create(*read(path)[0])  # pyright: ignore[reportArgumentType]
+    layer.features.iloc[1, 0] = 7  # as napari's table of features does it
+    out, attributes, _ = layer.as_layer_data_tuple()
+    write(path, out, dict(attributes))
+    first, second, third = labels.labels
+    wanted = sorted([first, replace(second, curve=7), third], key=lambda a: (a.frame, a.curve))
+    same(read_labels(path), replace(labels, labels=tuple(wanted)))
+
+
 @pytest.mark.parametrize("read_before", [0, 3])
 def test_lines_drawn_beside_those_of_a_file_are_saved(
     tmp_path: Path, labels: Labels, read_before: int

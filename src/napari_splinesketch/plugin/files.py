@@ -199,9 +199,15 @@ def labels_of_layer(shapes: Sequence[Float[np.ndarray, "N D"]], meta: Mapping[st
     kept = meta.get("metadata", {})
     owner = pictures.OWNERS.get(kept.get(pictures.OWNER, ""))
     origin = labels_of(owner) if owner else kept.get(LABELS, Labels())
-    known = {(label.frame, label.curve): label for label in origin.labels}
     curves = [spline.fine(record.curve) for record in owner.records] if owner else origin.labels
-    drawn = dict(zip(known, thinned([each.points for each in curves]), strict=True))
+    drawn = thinned([each.points for each in curves])
+    # By the curve's own points or those that are drawn, in the single precision of Shapes layers:
+    # the user may have given it another number.
+    known = {
+        (label.frame, line.astype("f4").tobytes()): label
+        for label, *lines in zip(origin.labels, drawn, strict=True)
+        for line in (label.points, *lines)
+    }
     told = pd.Series(meta.get("features", {}).get("id", range(1, len(shapes) + 1)))
     ids = cast("pd.Series", pd.to_numeric(told, errors="coerce"))
     numbers = ids.fillna(-1).astype(int).tolist()
@@ -218,12 +224,9 @@ def labels_of_layer(shapes: Sequence[Float[np.ndarray, "N D"]], meta: Mapping[st
             continue
         number = next(free) if number < 0 or (frame, number) in labels else number
         points = np.asarray(line[:, -2:])
-        key = frame, number
-        # The curve's own points or those that are drawn, in the single precision of Shapes layers.
-        lines = [known[key].points, drawn[key]] if key in known else []
-        same = any(np.array_equal(line.astype(points.dtype), points) for line in lines)
         sketch = Label.from_sketch(points, frame=frame, identity=number)
-        labels[key] = known[key] if same else sketch
+        label = known.get((frame, points.astype("f4").tobytes()), sketch)
+        labels[frame, number] = replace(label, curve=number)
     registry = pint.get_application_registry()
     units = [registry.Unit(str(unit)) for unit in meta["units"]]
     scale, unit = pixel_size(meta["scale"], units)
