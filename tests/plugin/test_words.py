@@ -133,6 +133,18 @@ def test_a_body_that_is_out_of_sight_in_the_last_frame_is_named() -> None:
     assert words.tracked([hidden], None, 1) == said
 
 
+def test_a_body_that_is_lost_is_named_with_the_frame_in_which_it_was_last_seen() -> None:
+    line, lost = as_drawn(LINE), frozenset({3, 4, 5})
+    film = [
+        Tracked(7, {2: line, 3: line}, given=(4,)),
+        Tracked(8, {2: line, 3: line}, drifting=frozenset({3}), missing={4: "nothing"}),
+        Tracked(9, {2: line}, missing=dict.fromkeys(lost, "nothing"), lost=lost),
+    ]
+    told = words.tracked(film, None, 1).partition("Lost: ")[2]
+    for one in ("3 (last seen in frame 7)", "4 (last seen in frame 7)", "5 (not seen)"):
+        assert one in told
+
+
 def test_refitting_that_changes_nothing_says_so() -> None:
     assert words.tracked([], 4, 0) == "Nothing had to change around frame 4."
 

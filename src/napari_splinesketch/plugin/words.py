@@ -145,12 +145,15 @@ def tracked(taken: Sequence["Tracked"], corrected: int | None, there: int) -> st
             return f"Nothing had to change around frame {corrected}."
         span = f"from {frames[0]} to {frames[-1]}"
         return f"Refitted {counted(len(frames), 'frame')} around frame {corrected}, {span}."
-    last, ended = taken[-1], dict[str, list[str]]()
+    last, ended, seen = taken[-1], dict[str, list[str]](), dict[int, str]()
     for one in taken:
+        found = {*one.by_id, *one.given} - one.drifting
+        seen |= dict.fromkeys(found, f"last seen in frame {one.frame}")
         for number in one.lost:
             why = one.missing.get(number, "")
             kind = next((said for begin, said in ENDS.items() if why.startswith(begin)), "Lost")
-            ended.setdefault(kind, []).append(f"{number} (frame {one.frame})")
+            where = f"frame {one.frame}" if kind != "Lost" else seen.get(number, "not seen")
+            ended.setdefault(kind, []).append(f"{number} ({where})")
     text = [f"Tracked to frame {last.frame}: {counted(there, 'curve')} there."]
     if missing := [str(number) for number in last.missing if number not in last.lost]:
         text.append(f"Not found there: {_some(missing)}.")
