@@ -451,6 +451,18 @@ def test_a_large_font_makes_the_dock_wider(viewer: Any, dock: SplinesketchDock) 
     assert dock.review.mapTo(dock, dock.review.rect().topRight()).x() <= dock.width()
 
 
+def test_a_low_dock_of_a_large_font_has_room_for_what_it_says(
+    viewer: Any, dock: SplinesketchDock
+) -> None:
+    dock.setStyleSheet("font-size: 16pt")  # as napari's preferences
+    dock.notice.say("<br>".join("abcd"))
+    dock.hint.say("")
+    QTest.qWait(50)
+    dock.resize(1200, 10)
+    QTest.qWait(50)
+    assert dock.notice.height() >= 4 * dock.notice.fontMetrics().lineSpacing()
+
+
 @pytest.mark.slow
 @pytest.mark.window(shown=True)
 @pytest.mark.parametrize("size", [9, 12, 20])

@@ -30,7 +30,6 @@ if TYPE_CHECKING:
 
 TITLE = "Splinesketch"
 WARM_UP_AFTER_MS = 500  # the window is shown first
-LINES = 5  # of text that there is always room for above Export, so that nothing moves
 MORE_LOOK = "QPushButton { padding: 6px 2px; } QPushButton::menu-indicator { width: 0; }"
 KINDS = {f"{writer.name} (*{writer.suffix})": writer.suffix for writer in WRITERS}
 """The formats as a file dialog lists them, the first one proposed, and how their names end."""
@@ -111,7 +110,7 @@ class SplinesketchDock(qt.QWidget):
         self.saved.setEllipsesWidth(8)  # napari's style pads labels, which superqt does not know
 
     def _lay_out(self) -> None:
-        texts, below, self.content, self.progress = (qt.QWidget() for _ in range(4))
+        below, self.content, self.progress = (qt.QWidget() for _ in range(3))
         chosen = ui.form(self.image, self.sketches, self.preset)
         rows = (
             *(chosen, [self.draw, self.suggest]),
@@ -120,9 +119,7 @@ class SplinesketchDock(qt.QWidget):
             *(self.eyes, self.colour_by.native, self.legend, self.steps, self.notes, self.settings),
         )
         ui.stack(self.content, *rows, margin=4).addStretch(1)
-        ui.stack(texts, self.stage, self.notice, self.hint).insertStretch(0, 1)
-        texts.setMinimumHeight(LINES * self.fontMetrics().lineSpacing())
-        texts.setSizePolicy(qt.QSizePolicy.Policy.Preferred, qt.QSizePolicy.Policy.Maximum)
+        texts = ui.Texts(self.stage, self.notice, self.hint)
         ui.stack(self.progress, (self.bar, self.cancel))
         policy = self.progress.sizePolicy()
         policy.setRetainSizeWhenHidden(True)  # so that nothing moves

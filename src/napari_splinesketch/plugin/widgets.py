@@ -25,6 +25,7 @@ FOLDER_TIP = "Where lines and curves are saved as they are made; what is saved s
 PREFERENCES = "napari.window.file.show_preferences_dialog"
 APART = ("preset", "colour_by")
 DECIMALS = 3  # of half-widths, at least: more where a pixel is small in its unit
+LINES = 5  # of text that there is always room for above Export
 RIGHT = Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
 
 
@@ -170,6 +171,22 @@ class TextLabel(qt.QLabel):
         """Show a rich text, or nothing."""
         self.setText(text)
         self.setVisible(bool(text))
+
+
+class Texts(qt.QWidget):
+    """Texts below each other, with room for some lines at least, so that nothing around moves."""
+
+    def __init__(self, *labels: TextLabel):
+        super().__init__()
+        self._first = labels[0]
+        stack(self, *labels).insertStretch(0, 1)
+        self.setSizePolicy(qt.QSizePolicy.Policy.Preferred, qt.QSizePolicy.Policy.Maximum)
+
+    def event(self, a0: QEvent | None) -> bool:
+        """Make room in the font of the labels, which napari sets when they are shown."""
+        if a0 and a0.type() == QEvent.Type.LayoutRequest:
+            self.setMinimumHeight(LINES * self._first.fontMetrics().lineSpacing())
+        return super().event(a0)
 
 
 class Folded(qt.QWidget):
