@@ -71,6 +71,9 @@ class Suggestions:
 
     def _on_suggested(self, work: Work, frame: int, found: engine.Suggestions) -> None:
         self._last, self._refused = (work, frame, found), {}
+        work.suggested = {
+            m: work.suggested[m] for m in work.suggested.keys() & work.state.suggestions
+        }
         self._put(self._controller.finish, first=True)
 
     def _choose(self) -> None:

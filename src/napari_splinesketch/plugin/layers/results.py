@@ -277,7 +277,9 @@ class Work:
 
     def _suggest(self) -> Iterator[object]:
         layer, wanted = self.sketches, self.state.suggestions
-        if gone := self.suggested.keys() - wanted:
+        gone = self.suggested.keys() - wanted
+        # Those that the user has moved or deleted are remembered: they do not come back.
+        if gone and (gone := gone - self.touched()):
             layer.remove([])  # ends what is being drawn, by its number that is soon another's
         old = self.positions(gone)
         for one in gone:
