@@ -474,6 +474,16 @@ def test_the_legend_is_whole_in_any_size(viewer: Any, dock: SplinesketchDock, si
     assert dock.legend.sizeHint().width() <= dock.legend.width()
 
 
+def test_refine_says_what_it_would_do_whichever_layer_is_active(
+    viewer: Any, dock: SplinesketchDock
+) -> None:
+    layer = sketched(viewer)
+    layer.mode, layer.selected_data = "select", {1}
+    until(lambda: dock.refine.text() == "Refine 1 selected", 5)
+    viewer.layers.selection.active = viewer.layers["cells"]
+    assert dock.refine.text() == "Refine 2 new lines"
+
+
 def test_results_are_no_sketches_and_no_images(viewer: Any, dock: SplinesketchDock) -> None:
     sketched(viewer)
     refine(dock)

@@ -83,6 +83,7 @@ class Keeper:
             (layers.removed, self._on_removed),
             (layers.reordered, lambda event: self.changes.layers.emit()),
             (layers.renamed, lambda event: self.changes.layers.emit()),
+            (viewer.layers.selection.events.active, lambda event: self.changes.mode.emit()),
             *[(getattr(viewer.dims.events, name), self._on_seen) for name in LOOKED],
             *[(group.events, lambda event: self._take(choices.load())) for group in groups],
         )

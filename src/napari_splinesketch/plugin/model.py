@@ -49,7 +49,7 @@ class Changes(SignalGroup):
     erased = Signal(description="Delete was pressed in the layer of curves")
     clicked = Signal(bool, description="A click into the layer of curves; with Shift, or without")
     shown = Signal(description="Which layers of results are there and in view")
-    mode = Signal(description="Whether knots are shown, and where; Refine while drawing")
+    mode = Signal(description="The active layer; whether knots are shown; Refine while drawing")
     busy = Signal(description="Whether something runs, and can be cancelled")
     progress = Signal(description="Where what runs stands")
     said = Signal(description="What the dock says came of something")
