@@ -149,6 +149,12 @@ def test_refitting_that_changes_nothing_says_so() -> None:
     assert words.tracked([], 4, 0) == "Nothing had to change around frame 4."
 
 
+def test_frames_that_could_not_be_refitted_are_said_and_not_counted() -> None:
+    film = [Tracked(3, {2: as_drawn(LINE)}), Tracked(5, error="no finite pixel.")]
+    said = "Refitted 1 frame around frame 4, from 3 to 3. Frame 5 could not be refined: no finite"
+    assert words.tracked(film, 4, 0).startswith(said)
+
+
 def test_a_frame_of_a_film_with_planes_is_named_by_time_and_plane() -> None:
     (one,) = records(("good", ()))
     assert (

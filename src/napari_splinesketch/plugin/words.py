@@ -139,12 +139,14 @@ def suggested(number: int, sensitivity: float) -> str:
 
 def tracked(taken: Sequence["Tracked"], corrected: int | None, there: int) -> str:
     """Say what came of tracking, with so many curves `there` in the end, or of fitting again."""
+    bad = [f"Frame {one.frame} could not be refined: {one.error}" for one in taken if one.error]
     if corrected is not None:
-        frames = sorted(one.frame for one in taken)
-        if not frames:
-            return f"Nothing had to change around frame {corrected}."
-        span = f"from {frames[0]} to {frames[-1]}"
-        return f"Refitted {counted(len(frames), 'frame')} around frame {corrected}, {span}."
+        frames = sorted(one.frame for one in taken if not one.error)
+        said = f"Nothing had to change around frame {corrected}."
+        if frames:
+            many = f"Refitted {counted(len(frames), 'frame')} around frame {corrected}"
+            said = f"{many}, from {frames[0]} to {frames[-1]}."
+        return " ".join([said, *bad[:1]])
     last, ended, seen = taken[-1], dict[str, list[str]](), dict[int, str]()
     for one in taken:
         found = {*one.by_id, *one.given} - one.drifting
@@ -166,7 +168,6 @@ def tracked(taken: Sequence["Tracked"], corrected: int | None, there: int) -> st
     if deleted := sum(len(one.sketches.keys() - one.by_id.keys()) for one in taken):
         left_out = counted(deleted, "curve")
         text.append(f"Left out: {left_out} that you deleted; draw a line where you want one.")
-    bad = [f"Frame {one.frame} could not be refined: {one.error}" for one in taken if one.error]
     return " ".join([*text, *bad[:1]])
 
 
