@@ -130,6 +130,7 @@ def test_a_folder_that_is_away_is_said_and_never_stops_the_dock(home: Path) -> N
         away = home.rename(home.with_name("away"))
         layer.add_paths([LINES[0] + 9])
         until(lambda: "could not be saved" in first.saver.problem, SOON)
+        assert first.saver.place is None, "nor does the dock say that it is saved there"
         away.rename(home)
         until(lambda: counts(home) == [(3, 0)], SOON)
         home.rename(away)

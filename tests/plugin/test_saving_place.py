@@ -202,6 +202,23 @@ def test_nothing_is_written_into_a_zarr_of_which_the_image_is_a_part(
         assert made.saver.place == inside
 
 
+def test_work_that_was_saved_beside_an_image_is_found_by_a_link_to_it(
+    qapp: Any, fake: FakeEngine, tmp_path: Path
+) -> None:
+    file, link = tmp_path / "data" / "worms.tif", tmp_path / "mine" / "today.tif"
+    for path in (file, link):
+        path.parent.mkdir()
+    link.symlink_to(file)
+    with bench() as made:
+        made.image()._set_source(Source(path=str(file)))
+        made.sketches()
+        made.refine()
+    with bench() as made:
+        made.image()._set_source(Source(path=str(link)))
+        made.resume()
+        assert len(made.controller.records()) == 2
+
+
 def test_work_stays_beside_an_image_that_a_script_opened_and_left(
     qapp: Any, fake: FakeEngine, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

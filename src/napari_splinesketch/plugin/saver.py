@@ -55,7 +55,7 @@ class Home:
 
     def _look(self, name: str, path: Path | None, pixels: Any, frames: int, chosen: str) -> None:
         """Find out which image it is, where its work goes, and what is saved of it."""
-        checksum = _checksum(pixels, frames)
+        checksum, self.unread = _checksum(pixels, frames), ""
         ending = f"{checksum[:DIGITS]}.splinesketch"
         # Of a layer's name, what any disk takes.
         plain = re.sub(r"[^\w-]+", " ", name)[:LETTERS].strip() or "image"
@@ -69,9 +69,10 @@ class Home:
             parents.insert(0 if writable else 1, folder)
         if chosen:
             parents.insert(0, Path(chosen).expanduser())
-        # A film of pictures may have been opened as their folder, or by its first picture; work on
-        # a part of a Zarr used to be saved in it.
-        places = {*parents, *([path, *path.parents[:2]] if path else [])}
+        # A film of pictures may have been opened as their folder, or by its first picture, and any
+        # image by a link; work on a part of a Zarr used to be saved in it.
+        where = [path, *path.parents[:2], Path(os.path.realpath(path)).parent] if path else []
+        places = {*parents, *where}
         found = dict[Path, Head]()
         for folder in chain.from_iterable(sorted(each.glob(f"*{ending}/*")) for each in places):
             try:
@@ -135,9 +136,9 @@ class Saver(QObject):
 
     @property
     def place(self) -> Path | None:
-        """Where work on the chosen layers is saved; None while that is not known, or not wanted."""
+        """Where work on the chosen layers is saved; None where it is not, or not known by now."""
         home, work = self._home, self._controller.work
-        if not (self._settings.save_work and home.place):
+        if not (self._settings.save_work and home.place) or home.unsaved:
             return None
         return work.folder.path.parent if work and work.folder.path else home.place
 
