@@ -96,13 +96,6 @@ def extended(curve: Curve, at_end: bool, by: float) -> Curve:
     return moved(curve, knots_through(even, min(len(curve.knots) + 1, MOST))[0])
 
 
-def places(knots: Float[np.ndarray, "K _"], count: int) -> Float[np.ndarray, " N"]:
-    """Where along the parameter of a spline, 0 to 1, its points are that are evenly spaced."""
-    dense = 8 * max(count, POINTS)
-    along = spline.arc_length(spline.even_basis(len(knots), dense) @ knots)
-    return np.interp(np.linspace(0, along[-1], count), along, np.linspace(0, 1, dense))
-
-
 def knots_through(
     points: Float[np.ndarray, "N 2"], count: int
 ) -> tuple[Float[np.ndarray, "K 2"], float]:
@@ -116,7 +109,7 @@ def knots_through(
     weights[1, [0, -1]] /= ALONG
     tried, knots = list[tuple[float, Float[np.ndarray, "K 2"]]](), spline.fit_knots(points, count)
     for _ in range(ROUNDS):
-        basis = spline.basis(count, places(knots, len(points)))
+        basis = spline.basis(count, spline.places(knots, len(points)))
         off = points - basis @ knots
         tried.append((float(np.sqrt((off**2).sum(1).mean())), knots))
         rows = (weights[..., None] * basis[:, None]).reshape(-1, 2 * count)

@@ -13,7 +13,7 @@ from scipy.spatial import KDTree
 from scipy.spatial.distance import cdist
 
 from napari_splinesketch.engine import constants as const
-from napari_splinesketch.engine.types import Array, Curve
+from napari_splinesketch.engine.types import POINTS, Array, Curve
 
 
 def basis(knots: int, u: Float[Array, " P"], derivative: int = 0) -> Float[Array, "P K"]:
@@ -185,6 +185,13 @@ def _mirrored(line: Float[Array, "N 2"], reach: int) -> Float[Array, "M 2"]:
 def sample(knots: Float[Array, "K D"], count: int) -> Float[Array, "count D"]:
     """Points of the spline through `knots`, uniform in arc length (of row and col)."""
     return resample(even_basis(len(knots), 8 * count) @ knots, count)
+
+
+def places(knots: Float[Array, "K D"], count: int = POINTS) -> Float[Array, " count"]:
+    """Where along the spline's parameter its points are that are uniform in arc length."""
+    dense = 8 * max(count, POINTS)
+    s = arc_length(even_basis(len(knots), dense) @ knots)
+    return np.interp(s[-1] * _shares(count), s, _shares(dense))
 
 
 def fine(curve: Curve) -> Curve:

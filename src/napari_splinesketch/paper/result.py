@@ -6,7 +6,6 @@ from jaxtyping import Float
 from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.fit.fit_scene import Reporter
 from napari_splinesketch.engine.islands import Island
-from napari_splinesketch.engine.judge import assess
 from napari_splinesketch.engine.look.scene import Scene
 from napari_splinesketch.engine.report.assemble import Part, part_of
 from napari_splinesketch.engine.types import POINTS, Array, Curve, SceneModel
@@ -59,7 +58,7 @@ def _model(fit: PaperFit, seen: Scene) -> SceneModel:
 def _curve(
     knots: Float[Array, "K 3"], sketch: Float[Array, "N 2"], rest: Float[Array, "H W"]
 ) -> Curve:
-    u = assess.uniform(knots[:, :2])
+    u = spline.places(knots)
     points, width = np.split(spline.basis(len(knots), u) @ knots, [2], axis=1)
     at = np.rint(points).astype(int).clip(0, np.array(rest.shape) - 1)
     along = rest[at[:, 0], at[:, 1]]

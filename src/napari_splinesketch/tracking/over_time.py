@@ -8,7 +8,6 @@ from reprlib import repr as short
 import numpy as np
 from jaxtyping import Float, Int
 
-from napari_splinesketch.editing import places
 from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.types import Curve
 
@@ -66,7 +65,7 @@ def kymograph(curves: Mapping[int, Curve], points: int = 100) -> Kymograph:
 def curvature_of(curve: Curve, points: int) -> Float[np.ndarray, " points"]:
     """Curvature of a curve's spline at points uniform in arc length, 1 / px."""
     knots = curve.knots[:, :2]
-    u = places(knots, points)
+    u = spline.places(knots, points)
     first, second = (spline.basis(len(knots), u, d) @ knots for d in (1, 2))
     speed = np.maximum(np.linalg.norm(first, axis=1), 1e-9)
     return (first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]) / speed**3

@@ -13,7 +13,6 @@ from jaxtyping import Float
 from scipy import ndimage
 from scipy.spatial.distance import cdist
 
-from napari_splinesketch.editing import places
 from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.tracking.motion import Points
@@ -67,7 +66,7 @@ def steadied(curve: Curve, frame: int, around: Sequence[Seen]) -> Curve:
         gains.append(spread[here, here])
     best = np.argmin(unlikely, axis=0)
     shift = np.take_along_axis(np.array(shifts), best[None], 0)[0]
-    basis = spline.basis(len(curve.knots), places(curve.knots, len(curve.points)))
+    basis = spline.basis(len(curve.knots), spline.places(curve.knots, len(curve.points)))
     moved = np.linalg.pinv(basis) @ (shift[:, None] * spline.normals(curve.points))
     knots = curve.knots + np.pad(moved, ((0, 0), (0, 1)))
     points = curve.points + basis @ moved

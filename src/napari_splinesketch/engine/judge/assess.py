@@ -41,7 +41,7 @@ def outline(
         )
 
     even, knots = _uncrowded(body, low, high)
-    part = uniform(knots)
+    part = spline.places(knots)
     u = np.interp(part, np.linspace(0, 1, len(knots)), even)
     points = spline.basis(len(knots), part) @ knots
     return np.column_stack([knots, half_width(even)]), points, half_width(u), u
@@ -123,12 +123,6 @@ def _half_width(g: Float[Array, " G"], u: Float[Array, " P"]) -> Float[Array, " 
     u = np.clip(u, 0, 1)
     log_width = g[: const.WIDTH_MODES] @ modes(u)
     return tapered_width(u, log_width, *(g[INDEX[name]] for name in TAPER), xp=np)
-
-
-def uniform(knots: Float[Array, "K 2"], count: int = POINTS) -> Float[Array, " count"]:
-    """(count,) spline parameters of points uniform in arc length."""
-    s = spline.arc_length(spline.even_basis(len(knots), 8 * count) @ knots)
-    return np.interp(np.linspace(0, s[-1], count), s, np.linspace(0, 1, 8 * count))
 
 
 def as_drawn(sketch: Float[Array, "N 2"], reason: str) -> Curve:
