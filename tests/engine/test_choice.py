@@ -167,6 +167,19 @@ def test_a_clicked_sketch_says_itself_whether_its_body_is_bright_where_a_dark_on
     assert away(line[:55], curve.points) < 1
 
 
+@pytest.mark.parametrize(("others", "sign"), [(1, 1), (8, -1)])
+def test_the_more_bodies_are_dark_the_less_a_sketch_in_doubt_means_a_bright_one(
+    monkeypatch, others, sign
+):
+    along = np.linspace(15, 105, 91)
+    dark = [np.column_stack([np.full(91, row), along]) for row in np.linspace(30, 86, 8)]
+    image = -drawn(dark, half_width=1.5)
+    sketches = [np.array([[10.0, 20.0], [11.0, 60.0], [10.0, 100.0]]), *(x[::18] for x in dark)]
+    scenes = scene.read_scenes(image, sketches[: 1 + others], "auto", None)
+    monkeypatch.setattr(finding, "_dearer", lambda *_: -1.5 * constants.CLEAR_MARGIN)
+    assert finding.signs(scenes, sketches[: 1 + others]) == [sign, *[-1] * others]
+
+
 @pytest.mark.parametrize("polarity", ["bright", "dark"])
 def test_straight_lines_over_stripes_take_the_polarity_of_what_joins_their_ends(polarity):
     """Around each line bright and dark ridges are as high, as in a fingerprint."""
@@ -443,6 +456,19 @@ def test_a_clicked_line_stays_in_the_middle_of_a_hollow_body(monkeypatch, aside,
     monkeypatch.setattr(finding, "sized", lambda seen, _: seen)
     (curve,) = refine(image, [sketch], polarity="bright").curves
     assert away(curve.points[10:-10], line) > 3
+
+
+def test_a_faint_body_between_two_that_are_sketched_is_not_a_hollow_one(monkeypatch):
+    line = cross(0.0)[0]
+    sides = [np.add(line, [side, 0.0]) for side in (-8.0, 8.0)]
+    image = np.maximum(drawn(sides), 0.15 * drawn([line], noise=0.0))
+    sketches = [x[::16] for x in (line, *sides)]
+    curve = refine(image, sketches, polarity="bright").curves[0]
+    assert away(curve.points[5:-5], line) < 1
+    assert curve.typical_half_width == pytest.approx(HALF_WIDTH, rel=0.2)
+    monkeypatch.setattr(hollow, "_along", lambda *_: False)
+    wide = refine(image, sketches, polarity="bright").curves[0]
+    assert wide.typical_half_width > 2 * HALF_WIDTH
 
 
 @pytest.mark.parametrize(("points", "half_width", "mesh"), [(2, 5, 12), (4, 5, 12), (2, 6, 9)])

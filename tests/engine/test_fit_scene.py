@@ -2,7 +2,9 @@
 
 import numpy as np
 import pytest
+from scipy import ndimage
 
+from napari_splinesketch import refine
 from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.fit import fit_scene, fitting
 from napari_splinesketch.engine.look import scene
@@ -63,3 +65,21 @@ def test_only_what_touches_a_curve_moves_when_it_is_fitted_again(monkeypatch, ag
 
 def silent(stage: str, fraction: float, centrelines: object = None) -> None:
     pass
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_curve_does_not_widen_into_what_lies_at_its_ends(seed):
+    thick = [np.array([[5.0, column], [85.0, column]]) for column in (17.0, 103.0)]
+    line = np.array([[45.0, 20.0], [45.0, 100.0]])
+    rows, columns = np.mgrid[:90, :120].astype(float)
+
+    def body(ends, half_width):
+        off = np.abs(np.array([rows, columns]) - ends.mean(0)[:, None, None])
+        near = np.hypot(*np.maximum(off - np.ptp(ends, axis=0)[:, None, None] / 2, 0))
+        return near < half_width
+
+    there = body(line, 2.0) | body(thick[0], 5.0) | body(thick[1], 5.0)
+    image = ndimage.gaussian_filter(there.astype(float), 0.7)
+    image += 0.03 * np.random.default_rng(seed).normal(size=rows.shape)
+    curve = refine(image, [spline.resample(line, 6)]).curves[0]
+    assert curve.half_width.max() < 2 * np.median(curve.half_width)

@@ -143,6 +143,8 @@ FEW_PAIRS = 2**17  # fewer distances than this are measured one by one, not by a
 HOLLOW_MIDDLE_HW = 0.5
 HOLLOW_RIM_HW = 1.3  # rims of a hollow body are looked for within this of its middle (geometry) ...
 HOLLOW_OFFSETS = 8  # ... at this many places on either side (speed)
+# a body is not hollow where another sketch runs along so much of it, within its rims (geometry):
+HOLLOW_OTHERS = 0.5
 # a path that may be a rim has the other one at least this far beside it (geometry) ...
 HOLLOW_APART_HW = 3.0
 HOLLOW_SEEN = 0.6  # ... with this evidence along all of it, on average,
@@ -255,7 +257,10 @@ UNEVEN = 0.1  # standard deviation of the knots' spacing along a curve, as a sha
 # bound of the first:
 PRIORS = {
     "log_width_0": (0.0, 0.4, np.log(0.4), 1.5),
-    **{f"log_width_{i}": (0.0, 0.12, -0.7, 0.7) for i in range(1, WIDTH_MODES)},
+    "log_width_1": (0.0, 0.12, -0.7, 0.7),
+    # bodies are not much thicker at both ends than in the middle: what looks so is beside them
+    "log_width_2": (0.0, 0.12, -0.7, 0.2),
+    "log_width_3": (0.0, 0.12, -0.7, 0.7),
     **{f"brightness_{i}": (0.0, 0.1, -0.5, 0.5) for i in range(1, LIGHT_MODES + 1)},
     "contrast": (1.0, 0.3, 0.1, 5.0),
     "log_blur": (np.log(0.7), 0.4, np.log(0.25), np.log(3.0)),

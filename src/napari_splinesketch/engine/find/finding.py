@@ -140,8 +140,9 @@ def as_clicks(sketch: Line, evidence: Float[Array, "H W"], half_width: float) ->
 def signs(scenes: Sequence[tuple[list[int], Scene]], sketches: list[Line]) -> list[int]:
     """1 for a bright body and -1 for a dark one, for each sketch of an image.
 
-    Where what is around a clicked sketch does not tell, it means what costs clearly less. Where
-    what is around all sketches does not tell, the others mean what costs all of them less.
+    Where what is around a clicked sketch does not tell, it means what costs clearly less, and the
+    more the other bodies are alike, the more clearly. Where what is around all sketches does not
+    tell, the others mean what costs all of them less.
     """
     look = {
         i: (seen, both)
@@ -152,9 +153,11 @@ def signs(scenes: Sequence[tuple[list[int], Scene]], sketches: list[Line]) -> li
     told = [abs(look[i][1][0].vote) for i in range(len(sketches))]
     unclear = {i for i, vote in enumerate(told) if vote <= const.CLEAR_VOTE}
     lines = {i for i, sketch in enumerate(sketches) if not scoring.clicked(sketch)}
+    clear = [sign for i, sign in enumerate(found) if i not in unclear]
+    odds = (1 + clear.count(-1)) / (1 + clear.count(1))
 
     def decide(asked: set[int], unclear: set[int]) -> None:
-        more = sum(_dearer(*look[i], sketches[i]) for i in sorted(asked))
+        more = np.log(odds) + sum(_dearer(*look[i], sketches[i]) for i in sorted(asked))
         for i in unclear if abs(more) > const.CLEAR_MARGIN else ():
             found[i] = 1 if more < 0 else -1
 
@@ -210,9 +213,9 @@ def candidates_of(
     graph = trace(_mask(seen, sketches), seen.half_width, usual_length(sketches))
     unseen = {rung: _unseen(graph, seen.evidence(rung)) for rung in set(seen.rungs)}
     candidates = []
-    for i, (sketch, rung) in enumerate(zip(sketches, seen.rungs, strict=True)):
+    for i, rung in enumerate(seen.rungs):
         tick(i / len(sketches))
-        candidates.append(_candidates(seen, graph, sketch, rung, unseen[rung], settings))
+        candidates.append(_candidates(seen, graph, sketches, i, unseen[rung], settings))
     return graph, candidates
 
 
@@ -244,12 +247,13 @@ def _reach(sketch: Line, half_width: float) -> float:
 def _candidates(
     seen: Scene,
     graph: TraceGraph,
-    sketch: Line,
-    rung: int,
+    sketches: list[Line],
+    number: int,
     unseen: Float[Array, " E"],
     settings: Settings,
 ) -> Candidates:
     """Paths that one sketch may mean: of the graph, along the sketch, and a clicked one itself."""
+    sketch, rung = sketches[number], seen.rungs[number]
     half_width, evidence = WIDTHS[rung], seen.evidence(rung)
     traced, along = _through_graph(graph, sketch, half_width, unseen, evidence, settings)
     clicked, reach = scoring.clicked(sketch), reach_of(sketch, half_width)
@@ -271,7 +275,7 @@ def _candidates(
     likely = lines[int(cost.argmin())]
     if clicked:
         cost[-1] = min(cost[-1], const.KEPT_SKETCH)
-    for wide, line in hollow.middles(seen, sketch, rung, likely):
+    for wide, line in hollow.middles(seen, sketches, number, likely):
         more = _known([line], sketch, WIDTHS[wide], seen.evidence(wide))
         lines, rungs = [*lines, line], [*rungs, wide]
         known = np.concatenate([known, more])

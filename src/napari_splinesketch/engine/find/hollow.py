@@ -18,17 +18,24 @@ from napari_splinesketch.engine.look.sketched import first_high, reach_of, ridge
 from napari_splinesketch.engine.types import Array, Line
 
 
-def middles(seen: Scene, sketch: Line, rung: int, path: Line) -> Iterator[tuple[int, Line]]:
-    """Paths along the middles of hollow bodies that a sketch may mean, with their rungs.
+def middles(
+    seen: Scene, sketches: list[Line], number: int, path: Line
+) -> Iterator[tuple[int, Line]]:
+    """Paths along the middles of hollow bodies that one sketch may mean, with their rungs.
 
-    `rung` is that of the rims, and `path` what the sketch means if there is no hollow body: maybe a
-    rim.
+    Its `path` is what it means if there is no hollow body: maybe a rim. What has a sketch of its
+    own is no rim.
     """
+    sketch, rung = sketches[number], seen.rungs[number]
+    others = [*sketches[:number], *sketches[number + 1 :]]
     clicked = scoring.clicked(sketch)
     found = _around(seen, sketch, rung) if clicked else _beside(seen, sketch, rung, path)
     for wide, line in found:
         line = spline.smoothed([line], const.PATH_SMOOTH_HW * WIDTHS[wide])[0]
-        if _between_rims(seen.evidence(rung), line, WIDTHS[wide]):
+        reach = const.HOLLOW_RIM_HW * WIDTHS[wide] + WIDTHS[rung]
+        if _between_rims(seen.evidence(rung), line, WIDTHS[wide]) and not any(
+            _along(line, other, reach) for other in others
+        ):
             yield wide, line
 
 
@@ -91,3 +98,10 @@ def _between_rims(evidence: Float[Array, "H W"], path: Line, half_width: float) 
     )
     rims = np.minimum(one.max(1), two.max(1)).mean()
     return bool(middle.mean() < const.BODY_EVIDENCE < rims)
+
+
+def _along(path: Line, sketch: Line, reach: float) -> bool:
+    """Whether a path and a sketch run along each other, within `reach` px for most of both."""
+    one, two = (spline.resample(line, const.SCORE_SAMPLES) for line in (path, sketch))
+    shares = ((spline.apart(*pair) < reach).mean() for pair in ((one, two), (two, one)))
+    return bool(min(shares) > const.HOLLOW_OTHERS)
