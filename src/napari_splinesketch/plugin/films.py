@@ -71,9 +71,9 @@ class Suggestions:
 
     def _on_suggested(self, work: Work, frame: int, found: engine.Suggestions) -> None:
         self._last, self._refused = (work, frame, found), {}
-        work.suggested = {
-            m: work.suggested[m] for m in work.suggested.keys() & work.state.suggestions
-        }
+        # What was deleted may be suggested again now.
+        kept = (work.suggested.keys() & work.state.suggestions) - work.touched()
+        work.suggested = {one: work.suggested[one] for one in kept}
         self._put(self._controller.finish, first=True)
 
     def _choose(self) -> None:
