@@ -205,8 +205,8 @@ def labels_of_layer(shapes: Sequence[Float[np.ndarray, "N D"]], meta: Mapping[st
     # the user may have given it another number.
     known = {
         (label.frame, line.astype("f4").tobytes()): label
-        for label, *lines in zip(origin.labels, drawn, strict=True)
-        for line in (label.points, *lines)
+        for label, line_drawn in zip(origin.labels, drawn, strict=True)
+        for line in (label.points, line_drawn)
     }
     told = pd.Series(meta.get("features", {}).get("id", range(1, len(shapes) + 1)))
     ids = cast("pd.Series", pd.to_numeric(told, errors="coerce"))
