@@ -197,7 +197,9 @@ def chart(rows: Sequence[Row]) -> None:
             seconds = median(runs[key] / counts[key] for key in runs)
             good = summary(mine).good
             axes.plot(seconds, good, "o")
-            axes.annotate(LABELS[method], (seconds, good), (5, 4), textcoords="offset points")
+            axes.annotate(
+                LABELS[method], (seconds, good), (0, -15), textcoords="offset points", ha="center"
+            )
     axes.margins(x=0.5)
     axes.set(xlabel="seconds a body", ylabel="good, %", xlim=(0, None), ylim=(0, 100))
     figure.savefig(CHART, metadata={"Date": None})
