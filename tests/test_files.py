@@ -223,6 +223,27 @@ def test_the_second_says_who_owns_it_and_a_dead_owner_is_in_nobody_s_way(
     assert not Path(".a.csv.lock").exists()
 
 
+KILLED = """
+import os
+from napari_splinesketch.files import atomic, atomic_folder
+with atomic("a.csv") as one, atomic("other.csv"), atomic_folder("new"), atomic("set/b"):
+    one.write_text("half")
+    os._exit(1)
+"""
+
+
+def test_what_a_killed_process_left_goes_with_the_next_write() -> None:
+    Path("set").mkdir()
+    subprocess.run([sys.executable, "-c", KILLED], check=False)
+    assert len(os.listdir()) == 4
+    assert len(os.listdir("set")) == 1
+    for name in ("a.csv", "new", "set"):
+        with owned(name):
+            pass
+    assert len(os.listdir()) == 2, "that of the other file, which may be being written"
+    assert os.listdir("set") == []
+
+
 def test_one_process_does_not_own_it_twice() -> None:
     with owned("a.csv"), pytest.raises(BusyError, match=f"process {os.getpid()}"), owned("a.csv"):
         pass

@@ -100,7 +100,8 @@ def owned(path: str | os.PathLike[str]) -> Iterator[None]:
     """Keep other processes from writing `path`, a file or a folder, until the block ends.
 
     A file beside it, .NAME.lock, says who writes. The operating system lets go of it when the
-    process ends, however it ends, so that nothing stale stands in the way.
+    process ends, however it ends, so that nothing stale stands in the way. What a killed one had
+    not finished is deleted.
 
     Raises
     ------
@@ -111,6 +112,8 @@ def owned(path: str | os.PathLike[str]) -> Iterator[None]:
     lock = target.with_name(f".{target.name}.lock")
     descriptor = _take(lock, target)
     try:
+        for left in (*target.parent.glob(_part_of(target, "*")), *target.glob(".*.part")):
+            shutil.rmtree(left, ignore_errors=True)  # by a process that was killed
         since = time.strftime("%Y-%m-%d %H:%M:%S")
         with suppress(OSError):  # on a full disk nobody can read who it is
             os.truncate(descriptor, 0)
@@ -222,7 +225,7 @@ def failure_of(error: Exception) -> str:
 
 @contextmanager
 def _beside(target: Path) -> Iterator[Path]:
-    folder = target.parent / f".{uuid4().hex}.part"
+    folder = target.parent / _part_of(target, uuid4().hex)
     try:
         with _full_disk(target):
             with _named(target):
@@ -233,6 +236,11 @@ def _beside(target: Path) -> Iterator[Path]:
             shutil.rmtree(folder, ignore_errors=True)
         finally:  # Ctrl-C may have come meanwhile
             shutil.rmtree(folder, ignore_errors=True)
+
+
+def _part_of(target: Path, which: str) -> str:
+    """Name a temporary folder after a file, whose own name may be as long as is allowed."""
+    return f".{hashlib.sha256(os.fsencode(target.name)).hexdigest()[:32]}-{which}.part"
 
 
 @contextmanager

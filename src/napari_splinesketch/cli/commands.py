@@ -151,9 +151,9 @@ def _frames(name: str, job: jobs.FrameJob) -> int:
 
 
 def _convert(job: jobs.ConvertJob) -> int:
-    with job.owning():
-        labels = job.sized(open_labels(job.source))
-        losses = write_labels(job.target, labels, overwrite=job.overwrite)
+    job.check()
+    labels = job.sized(open_labels(job.source))
+    losses = write_labels(job.target, labels, overwrite=job.overwrite)
     notes = [*labels.head.notes, *losses]
     terminal.say(*notes)
     curves = labels.facts.count

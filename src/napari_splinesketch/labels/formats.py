@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from napari_splinesketch.engine.types import Curve, Refinement, Sketches
-from napari_splinesketch.files import INSTALL, atomic
+from napari_splinesketch.files import INSTALL, atomic, owned
 from napari_splinesketch.labels import (
     coco,
     geojson,
@@ -125,7 +125,7 @@ def write_labels(
         What the format has no place for and the file therefore lacks, one sentence each.
     """
     labels, writer = labelled(labels), writer_of(path)
-    with atomic(path, overwrite=overwrite) as temporary:
+    with owned(path), atomic(path, overwrite=overwrite) as temporary:
         return writer.write_whole(temporary, labels)
 
 
