@@ -244,6 +244,15 @@ def test_what_a_killed_process_left_goes_with_the_next_write() -> None:
     assert os.listdir("set") == []
 
 
+@POSIX
+def test_a_lock_that_cannot_be_opened_is_named_with_the_remedy(inside: Path) -> None:
+    Path(".a.csv.lock").symlink_to("elsewhere")
+    with pytest.raises(OSError, match=r"writing a\.csv; if nobody is, delete this lock") as caught:
+        with owned("a.csv"):
+            pass
+    assert caught.value.filename == str(inside / ".a.csv.lock")
+
+
 def test_one_process_does_not_own_it_twice() -> None:
     with owned("a.csv"), pytest.raises(BusyError, match=f"process {os.getpid()}"), owned("a.csv"):
         pass

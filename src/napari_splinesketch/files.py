@@ -293,8 +293,14 @@ def _refuse_existing(path: Path) -> None:
 def _take(lock: Path, target: Path) -> int:
     """Open a lock file and own it; BusyError where somebody else does."""
     while True:
-        with _named(target):
+        try:
             descriptor = os.open(lock, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o644)
+        except OSError as error:
+            if not os.path.lexists(lock):
+                raise OSError(error.errno, error.strerror, str(target)) from error
+            who = f"cannot be opened ({error.strerror}): another user may be writing {target.name}"
+            remedy = "if nobody is, delete this lock file; or choose another name"
+            raise OSError(error.errno, f"{who}; {remedy}", str(lock)) from error
         try:
             if not _lock(descriptor):
                 raise BusyError(f"{target} is being written by {_owner(descriptor)}")
