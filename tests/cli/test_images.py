@@ -522,3 +522,14 @@ def test_a_missing_library_is_said_with_the_extra_that_brings_it(
     monkeypatch.setitem(sys.modules, library, None)
     with pytest.raises(ImageError, match=rf"pip install 'napari-splinesketch\[{extra}\]'"):
         open_frames(name).__enter__()
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no such files")
+@pytest.mark.parametrize("name", ["a.png", "a.tif"])
+def test_a_pipe_among_images_is_said_and_does_not_wait(tmp_path: Path, name: str) -> None:
+    os.mkfifo(tmp_path / name)
+    write(tmp_path / "b.tif", FRAMES[0])
+    with open_frames(str(tmp_path)) as frames:
+        with pytest.raises(ImageError, match="a pipe or device; expected a file"):
+            frames[0]
+        assert np.array_equal(frames[1], FRAMES[0])

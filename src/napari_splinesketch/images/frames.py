@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Real
 
-from napari_splinesketch.files import INSTALL, is_inside, same_file
+from napari_splinesketch.files import INSTALL, is_inside, same_file, special
 
 LUMINANCE = np.array([0.2125, 0.7154, 0.0721], dtype=np.float32)
 TIFFS = (".tif", ".tiff", ".lsm", ".stk")
@@ -133,6 +133,8 @@ def _is_zarr(path: Path) -> bool:
 
 def _file(path: Path, channel: int | None, z: int | None) -> AbstractContextManager[Frames]:
     suffix = path.suffix.lower()
+    if path.exists() and (kind := special(path)):  # to open a pipe may take for ever
+        raise ImageError(f"{path}: {kind}; expected a file")
     if suffix in TIFFS:
         from napari_splinesketch.images.tiff import open_tiff
 
