@@ -108,10 +108,16 @@ def test_a_tiff_knows_its_pixel_size(tmp_path: Path) -> None:
     )
     sizes = {"PhysicalSizeX": 0.25, "PhysicalSizeY": 0.5}
     write(tmp_path / "a.ome.tif", FRAMES, metadata={"axes": "TYX", **sizes})
+    mixed = {"PhysicalSizeX": 250, "PhysicalSizeXUnit": "nm", "PhysicalSizeY": 0.5}
+    write(tmp_path / "mixed.ome.tif", FRAMES, metadata={"axes": "TYX", **mixed})
+    odd = {**mixed, "PhysicalSizeXUnit": "pixel"}
+    write(tmp_path / "odd.ome.tif", FRAMES, metadata={"axes": "TYX", **odd})
     write(tmp_path / "none.tif", FRAMES, imagej=True, metadata={"axes": "TYX"})
     for name, expected in (
         ("imagej.tif", ((0.5, 0.25), "µm")),
         ("a.ome.tif", ((0.5, 0.25), "µm")),
+        ("mixed.ome.tif", ((0.5, 0.25), "µm")),
+        ("odd.ome.tif", (None, None)),
         ("none.tif", (None, None)),
     ):
         with open_frames(str(tmp_path / name)) as frames:

@@ -22,8 +22,7 @@ STILLS = (".png", ".jpg", ".jpeg", ".bmp")
 DEPTH = 24
 """Place in a PNG of the byte that tells the bits of a number."""
 FILMS = (".avi", ".mp4", ".mov", ".mkv", ".webm")
-
-
+METRES = {"pm": 1e-12, "Å": 1e-10, "nm": 1e-9, "µm": 1e-6, "mm": 1e-3, "cm": 0.01, "m": 1.0}
 Scale = tuple[tuple[float, float], str] | tuple[None, None]
 """(y, x) size of a pixel, and its unit."""
 
@@ -235,6 +234,16 @@ def _natural(path: Path) -> tuple[list[list[tuple[int, str]]], Path]:
     """Sort frame_2 before frame_10, folder by folder; the same wherever disks list them."""
     names = (re.split(r"(\d+)", name) for name in path.parts)
     return [[(int(n), "") if n.isdecimal() else (-1, n) for n in name] for name in names], path
+
+
+def in_one_unit(sizes: Sequence[float], units: Sequence[str]) -> Scale:
+    """Give the (y, x) size of a pixel in the unit of y; nothing where that cannot be."""
+    y, x = sizes
+    if units[0] != units[1]:
+        if not METRES.keys() >= {*units}:
+            return None, None
+        x *= METRES[units[1]] / METRES[units[0]]
+    return (float(y), float(x)), units[0]
 
 
 def choose_planes(

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import tifffile
 
-from napari_splinesketch.images.frames import Frames, ImageError, Scale, choose_planes
+from napari_splinesketch.images.frames import Frames, ImageError, Scale, choose_planes, in_one_unit
 from napari_splinesketch.labels.types import unit_of
 
 COLOURS = {tifffile.PHOTOMETRIC.RGB, tifffile.PHOTOMETRIC.YCBCR}
@@ -110,7 +110,6 @@ def _ome_scale(xml: str) -> Scale:
     image = tifffile.xml2dict(xml)["OME"]["Image"]
     pixels = (image[0] if isinstance(image, list) else image)["Pixels"]
     sizes = [pixels.get(f"PhysicalSize{axis}") for axis in "YX"]
-    units = {unit_of(str(pixels.get(f"PhysicalSize{axis}Unit", "µm"))) for axis in "YX"}
-    if len(units) > 1 or not all(isinstance(size, (int, float)) and size > 0 for size in sizes):
-        return None, None
-    return (float(sizes[0]), float(sizes[1])), units.pop()
+    units = [unit_of(str(pixels.get(f"PhysicalSize{axis}Unit", "µm"))) for axis in "YX"]
+    known = all(isinstance(size, (int, float)) and size > 0 for size in sizes)
+    return in_one_unit(sizes, units) if known else (None, None)

@@ -15,7 +15,14 @@ from zarr.core.buffer import Buffer, BufferPrototype
 from zarr.storage import FsspecStore
 
 from napari_splinesketch.files import INSTALL
-from napari_splinesketch.images.frames import Frames, ImageError, Scale, choose_planes, is_url
+from napari_splinesketch.images.frames import (
+    Frames,
+    ImageError,
+    Scale,
+    choose_planes,
+    in_one_unit,
+    is_url,
+)
 from napari_splinesketch.labels.types import unit_of
 
 SHORT = {"nanometer": "nm", "millimeter": "mm", "meter": "m"}
@@ -136,8 +143,8 @@ def _scale(axes: Sequence[Mapping[str, str]], *described: Mapping[str, Any]) -> 
     """Multiply the scales of a level and of the whole image."""
     steps = (step for each in described for step in each.get("coordinateTransformations", ()))
     scales = [step["scale"][-2:] for step in steps if step.get("type") == "scale"]
-    unit = axes[-1].get("unit")
-    if not scales or not unit or unit != axes[-2].get("unit"):
+    units = [axis.get("unit", "") for axis in axes[-2:]]
+    if not scales or not all(units):
         return None, None
-    y, x = np.prod(scales, axis=0).tolist()
-    return (y, x), SHORT.get(unit, unit_of(unit))
+    named = [SHORT.get(unit, unit_of(unit)) for unit in units]
+    return in_one_unit(np.prod(scales, axis=0).tolist(), named)
