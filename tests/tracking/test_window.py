@@ -56,6 +56,16 @@ def test_a_gap_in_the_image_is_bridged() -> None:
     assert (results[4].curves[0].sd >= results[3].curves[0].sd).all()
 
 
+def test_a_frame_that_cannot_be_refined_has_no_curve_of_any_body() -> None:
+    """Not even of one that is in doubt, which frames around it tell of."""
+    gone = BRIGHT * (np.arange(60)[:, None] > 25)
+    images = {4: gone, 5: np.full_like(BRIGHT, np.nan)}
+    bodies = {7: [(0, curve(LINE))], 3: [(0, curve(moved(LINE, 30, 5)))]}
+    results = run(FakeRefine(), range(1, 11), start=bodies, read=lambda t, _: images.get(t, BRIGHT))
+    assert [bool(r.error) for r in results] == [r.frame == 5 for r in results]
+    assert [sorted(r.ids) for r in results] == [[] if r.frame == 5 else [3, 7] for r in results]
+
+
 def test_a_gap_is_bridged_although_others_have_waited_too_long() -> None:
     """Two bodies run along each other for ever; a third that met them goes out of sight."""
     pair = {1: curve(LINE), 2: curve(moved(LINE, 3, 0))}

@@ -179,6 +179,8 @@ class Window:
         found = [(r.frame, r.by_id[name]) for r in self._held[end:]]
         for k in range(end - 1, stretch.first - self._begin - 1, -1):
             result = self._held[k]
+            if result.error:
+                continue
             there = motion.between(lines_of(body.seen), lines_of(found[:SIDE][::-1]), result.frame)
             curve = self._again(result, self._views[k].get(name), body, there)
             self._held[k] = replace(
