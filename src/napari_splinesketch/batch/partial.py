@@ -19,6 +19,11 @@ from napari_splinesketch.labels import Label, Labels, LabelsError, table
 FRAMES_A_FOLDER = 1000
 
 
+def folder_of(output: Path) -> Path:
+    """Name the folder of the finished frames of a run, after its main output."""
+    return output.with_name(f"{output.name}.partial")
+
+
 class Partial:
     """Holds the finished frames of a run, each as a set of whole files; no folder before the first.
 
@@ -27,7 +32,7 @@ class Partial:
     """
 
     def __init__(self, output: Path, settings: Mapping[str, object], *, resume: bool) -> None:
-        self.folder = output.with_name(f"{output.name}.partial")
+        self.folder = folder_of(output)
         self._note = self.folder / "run.json"
         self._mine = json.loads(json.dumps(settings))
         if not self._note.exists():

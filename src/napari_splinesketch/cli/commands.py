@@ -16,6 +16,7 @@ from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any
 
 from napari_splinesketch import __version__
+from napari_splinesketch.batch.partial import folder_of
 from napari_splinesketch.cli import jobs, report, terminal
 from napari_splinesketch.cli.options import add_options, given, numbers_joined
 from napari_splinesketch.files import counted, is_inside, reason_of
@@ -51,7 +52,7 @@ def make_parser() -> argparse.ArgumentParser:
 
 def run(arguments: Sequence[str] | None) -> int:
     """Run one command; returns its exit code."""
-    name, kept = "", False
+    name, job = "", None
     try:
         parser = make_parser()
         arguments = sys.argv[1:] if arguments is None else arguments
@@ -61,7 +62,6 @@ def run(arguments: Sequence[str] | None) -> int:
             many = "" if any(each.startswith("-") for each in more) else many
             parser.error(f"unrecognized arguments: {' '.join(more)}{many}")
         name, (kind, do) = options.command, COMMANDS[options.command]
-        kept = issubclass(kind, jobs.FrameJob)
         try:
             job = given(kind, options)
         except ValueError as error:
@@ -71,13 +71,15 @@ def run(arguments: Sequence[str] | None) -> int:
         terminal.tell(())
         raise
     except (Exception, KeyboardInterrupt) as error:
+        in_frames = isinstance(job, jobs.FrameJob)
+        kept = f"; {KEPT}" if in_frames and folder_of(job.output).exists() else ""
         if isinstance(error, KeyboardInterrupt) or terminal.was_interrupted():
-            raise KeyboardInterrupt(f"interrupted; {KEPT}" if kept else "interrupted") from None
+            raise KeyboardInterrupt(f"interrupted{kept}") from None
         if isinstance(error, BrokenPipeError) and not name:  # --help, as Python 3.11.2 prints it
             terminal.tell(())
             return report.DONE
-        if isinstance(error, ConnectionError) and kept:
-            terminal.say(f"{error}; {KEPT}")
+        if isinstance(error, ConnectionError) and in_frames:
+            terminal.say(f"{error}{kept}")
             return report.INTERRUPTED
         if not isinstance(error, (ValueError, OSError)):
             raise  # the user's mistakes end in one sentence; this is a bug
