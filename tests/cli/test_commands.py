@@ -283,7 +283,9 @@ def test_an_option_is_declared_once_and_checked_wherever_it_comes_from(
         RefineJob(image="a.tif", sketches=Path("a.csv"), output=Path("b.csv"), half_width=-1)
     with pytest.raises(SystemExit):
         main(["refine", "a.tif", "a.csv", "-o", "b.csv", "--half-width", "-1"])
-    assert "--half-width is -1.0; give a number above 0" in capsys.readouterr().err
+    told = capsys.readouterr().err
+    assert "--half-width is -1.0; give a number above 0" in told
+    assert told.startswith("usage: napari-splinesketch refine "), "not that of all commands"
     for name, (kind, _) in COMMANDS.items():
         with pytest.raises(SystemExit):
             main([name, "--help"])

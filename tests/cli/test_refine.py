@@ -524,9 +524,9 @@ REFUSED = {
     "units alone": (["--units", "µm"], "--units needs --pixel-size"),
     "three sizes": (["--pixel-size", "1", "2", "3"], "has 3 numbers"),
     "no such pixels": (["--pixel-size", "1e40"], "size of a pixel, from 1e-30 to 1e+30"),
-    "too thin": (["--half-width", "0.01"], "half_width is 0.01; give 0.2 to 30 px"),
-    "too wide": (["--half-width", "1e4"], "half_width is 10000.0; give 0.2 to 30 px"),
-    "seed": (["--seed", "9999999999"], "seed is 9999999999; give a whole number up to"),
+    "too thin": (["--half-width", "0.01"], ": --half-width is 0.01; give 0.2 to 30 px"),
+    "too wide": (["--half-width", "1e4"], ": --half-width is 10000.0; give 0.2 to 30 px"),
+    "seed": (["--seed", "9999999999"], ": --seed is 9999999999; give a whole number up to"),
     "unknown ending": (["-o", "labels.xls"], "no format has this ending"),
     "no such channel": (["--channel", "2"], "no axis"),
 }

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 from napari_splinesketch import __version__
 from napari_splinesketch.batch.partial import folder_of
 from napari_splinesketch.cli import jobs, report, terminal
-from napari_splinesketch.cli.options import add_options, given, numbers_joined
+from napari_splinesketch.cli.options import add_options, as_typed, given, numbers_joined
 from napari_splinesketch.files import counted, is_inside, reason_of
 from napari_splinesketch.images.frames import open_frames
 from napari_splinesketch.labels.formats import open_labels, read_labels, write_labels
@@ -46,7 +46,9 @@ def make_parser() -> argparse.ArgumentParser:
         summary = (options.__doc__ or "").partition(".")[0]
         summary = summary[:1].lower() + summary[1:]
         text = jobs.help_of(options)
-        add_options(commands.add_parser(name, help=summary, description=text, **alike), options)
+        own = commands.add_parser(name, help=summary, description=text, **alike)
+        own.set_defaults(parser=own)  # whose usage its errors show
+        add_options(own, options)
     return parser
 
 
@@ -60,12 +62,12 @@ def run(arguments: Sequence[str] | None) -> int:
         if more:
             many = "; of many images, give their folder, or a name with * in quotes"
             many = "" if any(each.startswith("-") for each in more) else many
-            parser.error(f"unrecognized arguments: {' '.join(more)}{many}")
+            options.parser.error(f"unrecognized arguments: {' '.join(more)}{many}")
         name, (kind, do) = options.command, COMMANDS[options.command]
         try:
             job = given(kind, options)
         except ValueError as error:
-            parser.error(str(error))
+            options.parser.error(str(error))
         return do(job)
     except SystemExit:  # from --help and --version, perhaps into `| head`
         terminal.tell(())
@@ -83,7 +85,8 @@ def run(arguments: Sequence[str] | None) -> int:
             return report.INTERRUPTED
         if not isinstance(error, (ValueError, OSError)):
             raise  # the user's mistakes end in one sentence; this is a bug
-        terminal.say(f"napari-splinesketch {name}: {reason_of(error)}")
+        reason = as_typed(reason_of(error), job) if job else reason_of(error)
+        terminal.say(f"napari-splinesketch {name}: {reason}")
         return report.NOTHING
 
 

@@ -44,6 +44,13 @@ def flag_of(name: str) -> str:
     return f"--{name.replace('_', '-')}"
 
 
+def as_typed(reason: str, options: Any) -> str:
+    """Let a reason that begins with the name of an option in Python name it as it was typed."""
+    name, is_, rest = reason.partition(" is ")
+    known = {one.name for one in fields(options) if one.metadata["help"]}
+    return f"{flag_of(name)}{is_}{rest}" if name in known else reason
+
+
 def add_options(parser: argparse.ArgumentParser, options: Any) -> None:
     """Add the options of a command to a parser."""
     hints = get_type_hints(options)
