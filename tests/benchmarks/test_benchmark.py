@@ -8,6 +8,7 @@ import numpy as np
 import paper_score
 import pytest
 import result_tables
+import tune
 from collect import Results
 from frames import Cell, frame, table_cells
 from methods import make, missing, source_digest
@@ -195,3 +196,12 @@ def test_bound_grows_with_the_noise():
     )
     np.testing.assert_allclose(loud_sd / quiet_sd, 2, rtol=0.02)
     assert np.all((quiet_sd > 0.01) & (quiet_sd < 0.4))
+
+
+def test_tune_says_what_it_takes(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("sys.argv", ["tune.py", "--help"])
+    with pytest.raises(SystemExit):
+        tune.main()
+    assert "{active_contour,filaments,splender}" in capsys.readouterr().out

@@ -7,7 +7,7 @@ the mean over the best half. It is written by hand into `TUNED` of the method's 
 frames are those of Table 1's cells with other seeds.
 """
 
-import sys
+import argparse
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from itertools import combinations, product
@@ -89,8 +89,12 @@ def score(run: Callable[[Frame], list[np.ndarray]], frames: list[Frame]) -> tupl
 
 def main() -> None:
     """Try all variants."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("method", choices=START)
+    parser.add_argument("frames", type=int, nargs="?", default=2)
+    options = parser.parse_args()
+    method, count = options.method, options.frames
     pin_to_one_core()
-    method, count = sys.argv[1], int(sys.argv[2]) if len(sys.argv) > 2 else 2
     cells = [Cell(n, kind, strength) for n in COUNTS for kind, strength in TABLE_KINDS]
     frames = [frame(cell, i, tuning=True) for cell in cells for i in range(count)]
     best, scores = START[method], {}
