@@ -258,6 +258,29 @@ def test_work_on_other_pixels_of_an_image_is_found_with_them(qapp: Any, fake: Fa
             assert len(again.controller.records()) == known
 
 
+def test_work_on_a_film_that_was_still_being_written_is_offered_with_the_whole_one(
+    qapp: Any, fake: FakeEngine, tmp_path: Path
+) -> None:
+    film, source = np.random.default_rng(0).random((6, 96, 128)), Source(path=f"{tmp_path}/a.zarr")
+    begun = film * (np.arange(6) < 2)[:, None, None]
+    with bench() as made:
+        made.viewer.add_image(begun[:4])._set_source(source)
+        made.sketches()
+        made.refine()
+    for pixels in (begun, film, film):
+        with bench() as made:
+            made.viewer.add_image(pixels)._set_source(source)
+            made.resume()
+            (layer,) = [work.sketches for work in made.controller.works]
+            layer.add_paths([[[40, 10], [40, 60]]])
+    assert len(layer.data) == 5
+    with bench() as made:
+        made.viewer.add_image(film + 1)._set_source(source)
+        made.sketches()
+        made.saver.flush()
+        assert not made.saver.offers(), "another film of the same name"
+
+
 def test_a_film_opens_where_work_begins(viewer: Any, dock: SplinesketchDock) -> None:
     image = viewer.add_image(np.zeros((9, 40, 50)), name="film")
     assert viewer.dims.current_step[0] == 0, "not in the middle"

@@ -7,6 +7,7 @@ import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from glob import escape
 from itertools import chain, count
 from pathlib import Path
 from typing import Any, Self
@@ -56,6 +57,7 @@ class Home:
     def _look(self, name: str, path: Path | None, pixels: Any, frames: int, chosen: str) -> None:
         """Find out which image it is, where its work goes, and what is saved of it."""
         checksum, self.unread = _checksum(pixels, frames), ""
+        first = _checksum(pixels[(0,) * frames], 0) if frames else checksum
         ending = f"{checksum[:DIGITS]}.splinesketch"
         # Of a layer's name, what any disk takes.
         plain = re.sub(r"[^\w-]+", " ", name)[:LETTERS].strip() or "image"
@@ -73,17 +75,23 @@ class Home:
         # image by a link; work on a part of a Zarr used to be saved in it.
         where = [path, *path.parents[:2], Path(os.path.realpath(path)).parent] if path else []
         places = {*parents, *where}
+        # A film that was still being written then has other pixels now, but the same first frame.
+        own = [f"{escape(path.name)}.*.splinesketch/*"] if path and frames else []
+        globs = (each.glob(name) for each in places for name in (f"*{ending}/*", *own))
         found = dict[Path, Head]()
-        for folder in chain.from_iterable(sorted(each.glob(f"*{ending}/*")) for each in places):
+        for folder in sorted({*chain.from_iterable(globs)}):
             try:
                 head = None if folder.suffix == OLD else sessions.summary(folder)
             except (OSError, LabelsError) as error:
                 self.unread = f"Saved work could not be read, and stays where it is: {error}."
             else:
-                if head and head.image.get("sha256", checksum) == checksum:
+                known = head.image if head else {}
+                named = checksum if folder.parent.name.endswith(ending) else ""
+                if head and (known.get("sha256", named) == checksum or known.get("first") == first):
                     found[folder] = head
         source, shape = str(path) if path else None, [int(n) for n in pixels.shape]
-        self.about = {"name": name, "path": source, "shape": shape, "sha256": checksum}
+        prints = {"sha256": checksum, "first": first}
+        self.about = {"name": name, "path": source, "shape": shape, **prints}
         self.found, self.place, self.pixels = found, parents[0] / called, pixels
 
     def save(self, image: Sequence[Any], orders: Sequence[tuple[Folder, Session]]) -> Self:
