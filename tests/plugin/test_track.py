@@ -16,12 +16,12 @@ from napari.layers.base import ActionType
 from qtpy.QtCore import Qt
 
 from napari_splinesketch.engine.types import Refinement
-from napari_splinesketch.plugin import commands, engine
+from napari_splinesketch.plugin import commands, engine, films
 from napari_splinesketch.plugin.dock import SplinesketchDock
 from napari_splinesketch.plugin.files import labels_of_layer
 from napari_splinesketch.plugin.films import NOT_FOUND, Tracking, bodies_at, confirmed, taken_in
 from napari_splinesketch.plugin.layers.space import times_of
-from napari_splinesketch.plugin.model import Record, State
+from napari_splinesketch.plugin.model import Record, State, key_of
 from napari_splinesketch.tracking import Tracked, View
 from napari_splinesketch.tracking.bodies import INFERRED
 from napari_splinesketch.tracking.events import DIVIDED, LEFT
@@ -350,6 +350,27 @@ def test_a_curve_that_other_frames_do_not_confirm_goes_again_unless_it_was_judge
     state = taken_in(state, tracked(3, 4), before=(1, 2, 3, 4))
     reviews = {number: record.review for (_, number), record in state.by_key.items()}
     assert reviews == {2: "accepted", 3: "open", 4: "rejected"}
+
+
+def test_frames_are_taken_over_without_looking_through_all_curves_of_the_film_for_each(
+    film: SplinesketchDock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    c, looked = film.controller, list[int]()
+    known = c.records(1)
+    far = [replace(record, frame=frame) for record in known for frame in (3, 4, 5)]
+    c.apply("Track", c.state.with_records(*far))
+
+    def taken(state: State, *rest: Any) -> State:
+        looked.append(len(state.records))
+        return taken_in(state, *rest)
+
+    monkeypatch.setattr(films, "taken_in", taken)
+    click(film.track.buttons["next_frame"])
+    over(film)
+    assert looked == [0], "none is known in frame 2"
+    assert [record for record in c.records() if record.frame != 2] == sorted(
+        [*known, *far], key=key_of
+    )
 
 
 def test_curves_of_an_earlier_tracking_are_in_doubt_where_their_body_is_not_found(

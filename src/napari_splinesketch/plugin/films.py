@@ -223,18 +223,22 @@ class Tracking:
             if self.corrected is None:
                 what = f"Track to frame {self.frames[-1]}"
             again = bool(self._taken) and work.history.done == what  # nothing done in between
-            state = work.state
+            state, there = work.state, {self.times[one.frame] for one in done}
+            apart = [r for r in state.records if r.frame not in there]
+            # To look through all curves of a long film for each frame takes too long.
+            state = replace(state, records=tuple([r for r in state.records if r.frame in there]))
             for one in done:
                 before = self._taken.get(one.frame)
-                there = replace(one, frame=self.times[one.frame])
+                taken = replace(one, frame=self.times[one.frame])
                 self._numbers.update(one.ids, one.given)
                 carried = self._numbers if self.corrected is None and not one.error else ()
-                state = taken_in(state, there, before.ids if before else (), carried)
+                state = taken_in(state, taken, before.ids if before else (), carried)
                 # Not what was deleted there; and the pictures of a long film would fill the memory.
-                curves = {n: c for n, c in one.by_id.items() if (there.frame, n) in state.by_key}
+                curves = {n: c for n, c in one.by_id.items() if (taken.frame, n) in state.by_key}
                 drifting = one.drifting & curves.keys()
                 known = replace(one, by_id=curves, drifting=drifting, view=None, refinement=None)
                 self._taken[one.frame] = known
+            state = state.with_records(*apart)
             controller.apply("" if again else what, state, work=work)
 
     def over(self, outcome: object = None) -> None:
