@@ -244,6 +244,14 @@ def test_what_a_killed_process_left_goes_with_the_next_write() -> None:
     assert os.listdir("set") == []
 
 
+def test_a_name_as_long_as_is_allowed_can_be_owned(tmp_path: Path) -> None:
+    for name in ("a" * 255, "é" * 127):
+        with owned(tmp_path / name), atomic(tmp_path / name) as temporary:
+            temporary.write_text("whole")
+        assert [file.name for file in tmp_path.iterdir()] == [name]
+        (tmp_path / name).unlink()
+
+
 @POSIX
 def test_a_lock_that_cannot_be_opened_is_named_with_the_remedy(inside: Path) -> None:
     Path(".a.csv.lock").symlink_to("elsewhere")
