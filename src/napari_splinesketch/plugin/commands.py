@@ -178,7 +178,7 @@ def _place(controller: Controller) -> np.ndarray:
 
 
 COMMANDS = (
-    Command("draw", "Draw lines", "H", lambda c: c.draw(or_select=True),
+    Command("draw", "Draw lines", "H", lambda c: c.draw(or_select=not c.actions.by_button),
             "Draw lines: press where a body begins, release where it ends",
             problem=lambda c: "" if c.image else "Open an image first", meanwhile=True),
     Command("refine", "Refine", "G", lambda c: c.refine(),

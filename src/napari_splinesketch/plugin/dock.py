@@ -68,7 +68,7 @@ class SplinesketchDock(qt.QWidget):
         self.image = ui.LayerChoice(controller, Image, "Image", "The image that the bodies are in")
         tip = "The Shapes layer with your rough lines; what you drew is never changed"
         self.sketches = ui.LayerChoice(controller, Shapes, "Sketches", tip)
-        self.draw = ui.CommandButton(actions, "draw", controller.draw)
+        self.draw = ui.CommandButton(actions, "draw")
         self.suggest = ui.CommandButton(actions, "suggest")
         self.sensitivity = ui.Sensitivity(controller.suggestions)
         self.settings_form = ui.SettingsForm(controller)

@@ -117,10 +117,10 @@ def _tight(layout: Any, margin: int = 0) -> Any:
 
 
 class CommandButton(Button):
-    """A button that carries out a command, or another `run`, and says why it cannot."""
+    """A button that carries out a command, or says why it cannot."""
 
-    def __init__(self, actions: Commands, name: str, run: Callable[[], object] | None = None):
-        super().__init__(run=run or (lambda: actions.run(name, by_button=True)))
+    def __init__(self, actions: Commands, name: str):
+        super().__init__(run=lambda: actions.run(name, by_button=True))
         self._actions, self._name = actions, name
         self.show_state()
 
