@@ -38,22 +38,10 @@ def atomic(
     """Give the path of a temporary file that becomes `path` when the block ends well.
 
     The temporary file has the same name, in a folder of its own beside `path` that nobody else can
-    read. Whatever happens, `path` is either as it was or complete. A file that is replaced hands
-    down its mode, and its owner where that is allowed.
-
-    Parameters
-    ----------
-    path
-        The file to write. A symbolic link is followed.
-    overwrite
-        Replace an existing file; otherwise it raises FileExistsError.
-    durable
-        Wait until it is on the disk, so that it is whole after a power cut too; takes milliseconds.
-
-    Raises
-    ------
-    OSError
-        Where the disk is full; it names `path` and what to do.
+    read. Whatever happens, `path` is either as it was or complete. A symbolic link is followed. A
+    file that is replaced hands down its mode, and its owner where that is allowed. `durable` waits
+    until it is on the disk, so that it is whole after a power cut too; that takes milliseconds.
+    FileExistsError without `overwrite`; OSError of a full disk names `path` and what to do.
     """
     target = Path(os.path.realpath(path))
     if not overwrite:
@@ -103,12 +91,7 @@ def owned(path: str | os.PathLike[str]) -> Iterator[None]:
 
     A file beside it, .NAME.lock, says who writes. The operating system lets go of it when the
     process ends, however it ends, so that nothing stale stands in the way. What a killed one had
-    not finished is deleted.
-
-    Raises
-    ------
-    BusyError
-        Where somebody else owns it: says who.
+    not finished is deleted. BusyError says who else owns it.
     """
     target = Path(os.path.realpath(path))
     # Names that are as long as is allowed share a lock with others that begin like them.

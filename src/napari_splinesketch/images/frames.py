@@ -77,17 +77,9 @@ def checksum(frame: Real[np.ndarray, "H W"]) -> str:
 def open_frames(
     pattern: str, *, channel: int | None = None, z: int | None = None
 ) -> AbstractContextManager[Frames]:
-    """Open an image by its name, a folder of images, or a glob such as "day1/*.png".
+    """Open a file, a folder with one image a frame, a glob such as "day1/*.png", or a URL.
 
-    Parameters
-    ----------
-    pattern
-        Name of a TIFF, PNG, OME-Zarr, AVI or MP4, of a folder with one image a frame, a glob, or
-        the URL of an OME-Zarr.
-    channel
-        Which channel of a multi-channel image, from 0.
-    z
-        Which plane, where an image has both planes and times, from 0.
+    `channel` of a multi-channel image, and plane `z` where there are times as well, count from 0.
     """
     path = Path(pattern)
     if not pattern:

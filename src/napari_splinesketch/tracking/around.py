@@ -27,23 +27,11 @@ def around(
 ) -> Iterator[Tracked]:
     """Carry corrected curves on, each way until they are where they were before.
 
-    Parameters
-    ----------
-    ways
-        Numbers of the frames after and before the corrected one, the nearest first.
-    start
-        The corrected bodies; all others stay as they are.
-    read, options
-        As `follow` has them.
-    there
-        All curves of a frame as they were, by number; beyond a frame without any, nothing is
-        carried.
-    given
-        What the user has decided in a frame: nothing is carried on over that.
-
-    Yields
-    ------
-    A `Tracked` for each frame in which a curve has changed, or has to be changed for one beyond.
+    `ways` are the frames after and before the corrected one, the nearest first. All bodies but
+    those of `start` stay as they are. `there` gives all curves of a frame as they were, by number;
+    beyond a frame without any, nothing is carried, nor over what the user has decided, as `given`
+    says. The rest is as `follow` has it. Gives each frame in which a curve has changed, or has to
+    be changed for one beyond.
     """
     names = {body.id for body in start}
 
