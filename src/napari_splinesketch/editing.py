@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.checks import checked_line
-from napari_splinesketch.engine.types import POINTS, Curve
+from napari_splinesketch.engine.types import POINTS, Curve, Line
 from napari_splinesketch.geometry import with_width
 
 BY_HAND = "it was changed by hand and not refined since"
@@ -26,7 +26,7 @@ LEAST = 1e-9
 """The same of the move of a knot, so that each is determined."""
 
 
-def moved(curve: Curve, knots: Float[np.ndarray, "K 2"]) -> Curve:
+def moved(curve: Curve, knots: Line) -> Curve:
     """Lead a curve through other knots; along it, its half-widths stay as they are."""
     knots = checked_line(knots, "knots", finite=True)
     if len(knots) < 2:
@@ -96,9 +96,7 @@ def extended(curve: Curve, at_end: bool, by: float) -> Curve:
     return moved(curve, knots_through(even, min(len(curve.knots) + 1, MOST))[0])
 
 
-def knots_through(
-    points: Float[np.ndarray, "N 2"], count: int
-) -> tuple[Float[np.ndarray, "K 2"], float]:
+def knots_through(points: Line, count: int) -> tuple[Line, float]:
     """Give the knots of the spline whose evenly spaced points are nearest to these; its miss, px.
 
     Those of a curve come back, and with them how it bends: unlike those of `spline.fit_knots`, they
@@ -107,7 +105,7 @@ def knots_through(
     # Where along the spline a point comes to lie hardly matters.
     weights = np.array([spline.normals(points), ALONG * spline.tangents(points)])
     weights[1, [0, -1]] /= ALONG
-    tried, knots = list[tuple[float, Float[np.ndarray, "K 2"]]](), spline.fit_knots(points, count)
+    tried, knots = list[tuple[float, Line]](), spline.fit_knots(points, count)
     for _ in range(ROUNDS):
         basis = spline.basis(count, spline.places(knots, len(points)))
         off = points - basis @ knots

@@ -5,13 +5,13 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Bool, Float
 
-from napari_splinesketch.engine.types import Array
+from napari_splinesketch.engine.types import Array, Line
 
 SEEN = 0.03
 """How far a drawn line may lie from the curve, px."""
 
 
-def width_growth(points: Float[Array, "N 2"], scale: tuple[float, float]) -> Float[Array, " N"]:
+def width_growth(points: Line, scale: tuple[float, float]) -> Float[Array, " N"]:
     """Factor from a half-width in pixels to one in physical units, where pixels may be oblong.
 
     A strip along the unit tangent t keeps its area when the axes are stretched by s, so its width
@@ -24,9 +24,7 @@ def width_growth(points: Float[Array, "N 2"], scale: tuple[float, float]) -> Flo
     return np.divide(scale[0] * scale[1] * length, stretched, out=square, where=stretched > 0)
 
 
-def edges(
-    points: Float[Array, "N 2"], half_width: Float[Array, " N"]
-) -> tuple[Float[Array, "N 2"], Float[Array, "N 2"]]:
+def edges(points: Line, half_width: Float[Array, " N"]) -> tuple[Line, Line]:
     """Give both sides of a body, half a width beside its centreline, px."""
     tangent = np.gradient(points, axis=0)
     length = np.maximum(np.linalg.norm(tangent, axis=1, keepdims=True), 1e-12)
@@ -40,7 +38,7 @@ def with_width(knots: Float[Array, "K 2"], half_width: Float[Array, " N"]) -> Fl
     return np.column_stack([knots, np.interp(there, known, half_width)])
 
 
-def area(polygon: Float[Array, "N 2"]) -> float:
+def area(polygon: Line) -> float:
     """Area inside a polygon that does not cross itself."""
     a, b = polygon.T
     return abs(float(a @ np.roll(b, -1) - b @ np.roll(a, -1))) / 2

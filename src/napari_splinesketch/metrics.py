@@ -16,7 +16,7 @@ from skimage.graph import MCP
 from napari_splinesketch.engine.checks import checked_line, checked_lines
 from napari_splinesketch.engine.constants import FARTHEST_PX
 from napari_splinesketch.engine.spline import arc_length, distinct, neighbours
-from napari_splinesketch.engine.types import POINTS
+from napari_splinesketch.engine.types import POINTS, Array, Line
 
 _OVERSAMPLING = 8
 
@@ -76,9 +76,7 @@ def normal_distances(
     return np.where((place > 0) & (place < 1), distance, np.nan)
 
 
-def nearest(
-    samples: Float[np.ndarray, "N 2"], fine: Float[np.ndarray, "M 2"]
-) -> tuple[Float[np.ndarray, " N"], Float[np.ndarray, " N"]]:
+def nearest(samples: Line, fine: Line) -> tuple[Float[Array, " N"], Float[Array, " N"]]:
     """Distance of each sample from a finely sampled line, and where along it (0 to 1)."""
     _, index = KDTree(fine).query(samples)
     tangent = np.gradient(fine, axis=0)

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from napari_splinesketch.engine import spline
-from napari_splinesketch.engine.types import Curve
+from napari_splinesketch.engine.types import Curve, Line
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +71,7 @@ def curvature_of(curve: Curve, points: int) -> Float[np.ndarray, " points"]:
     return (first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]) / speed**3
 
 
-def mean_curvature(points: Float[np.ndarray, "P 2"]) -> float:
+def mean_curvature(points: Line) -> float:
     """Mean size of a line's curvature, from how much it turns over its length, 1 / px."""
     step = np.diff(points, axis=0)
     length = np.linalg.norm(step, axis=1)
@@ -80,11 +80,7 @@ def mean_curvature(points: Float[np.ndarray, "P 2"]) -> float:
     return float(np.abs(turn).sum() / inside) if inside > 0 else 0.0
 
 
-def mean_speed(
-    before: Float[np.ndarray, "P 2"] | None,
-    now: Float[np.ndarray, "P 2"],
-    after: Float[np.ndarray, "P 2"] | None,
-) -> float:
+def mean_speed(before: Line | None, now: Line, after: Line | None) -> float:
     """Mean speed of a body's points in one of its frames, px a frame; NaN without another."""
     beside = ((before, now), (now, after))
     steps = [new - old for old, new in beside if old is not None and new is not None]
