@@ -1,9 +1,8 @@
 """What is said of each curve: one table, which layers, the review table, CSV and colours read."""
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from types import MappingProxyType
 from typing import Any, Literal
 
 import numpy as np
@@ -25,8 +24,6 @@ PIXELS, FILM = ruler_of(None), times_of(None)  # where no image says more
 
 Beside = Callable[[Record], Sequence[Curve | None]]  # its body's, at the times before and after
 Value = Callable[[Record, Ruler, Beside], Any]  # in the ruler's unit
-Rows = Mapping[tuple[Any, ...], tuple[Any, ...]]  # by a record and the curves beside it
-NO_ROWS: Rows = MappingProxyType({})
 
 
 @dataclass(frozen=True)
@@ -138,26 +135,22 @@ def beside_of(records: Iterable[Record], times: Times = FILM) -> Beside:
 alone = beside_of(())  # knows of no curve in another frame
 
 
+@once
+def _row(record: Record, ruler: Ruler, *beside: Curve | None) -> tuple[Any, ...]:
+    return tuple(column.value(record, ruler, lambda _: beside) for column in COLUMNS)
+
+
 def rows_of(
-    records: Sequence[Record],
-    ruler: Ruler = PIXELS,
-    beside: Beside | None = None,
-    last: Rows = NO_ROWS,
-) -> Rows:
-    """What is said of each curve, maybe with those of its body at other times.
-
-    It is not worked out again where it is among the `last` ones: in a long film nearly all are.
-    """
-    found, rows = beside or beside_of(records), dict[tuple[Any, ...], tuple[Any, ...]]()
-    for record in records:
-        alike = record, *found(record)
-        rows[alike] = last.get(alike) or tuple(c.value(record, ruler, found) for c in COLUMNS)
-    return rows
+    records: Sequence[Record], ruler: Ruler = PIXELS, beside: Beside | None = None
+) -> list[tuple[Any, ...]]:
+    """What is said of each curve, maybe with those of its body at other times."""
+    found = beside or beside_of(records)
+    return [_row(record, ruler, *found(record)) for record in records]
 
 
-def as_table(rows: Rows) -> pd.DataFrame:
+def as_table(rows: Sequence[tuple[Any, ...]]) -> pd.DataFrame:
     """Put what is said of curves into a table, as layers keep it."""
-    return pd.DataFrame(list(rows.values()), columns=[column.name for column in COLUMNS])
+    return pd.DataFrame(rows, columns=[column.name for column in COLUMNS])
 
 
 def as_text(

@@ -34,7 +34,6 @@ class CurveLines(Slot):
     """A line for each curve: those of curves that are gone go, and new ones come."""
 
     _shown: Sequence[model.Record] = ()  # in the order of the layer, unless that was made since
-    _rows: columns.Rows = columns.NO_ROWS  # of its features
     _untold = False  # its features are not those of what is shown: others took the place of steps
 
     def update(self) -> Iterator[None]:
@@ -52,6 +51,7 @@ class CurveLines(Slot):
         self._untold |= bool(gone or fresh)
         curves = [record.curve for record in fresh]
         image = self.work.image
+        beside = columns.beside_of(records, space.times_of(image))
         # Worked out when they are added.
         chunks = (curves[i : i + drawn.CHUNK] for i in range(0, len(curves), drawn.CHUNK))
         lines = (
@@ -64,15 +64,13 @@ class CurveLines(Slot):
         for done in drawn.add_shapes(layer, shapes, ["path"] * len(fresh), **how):
             self._shown = [*self._shown, *fresh[done]]
             # A few are worked out at a time: below, and for outlines, all are asked for.
-            columns.rows_of(fresh[done])
+            columns.rows_of(fresh[done], beside=beside)
             for curve in filter(looks.has_outline, curves[done]):
                 looks.outline(curve)
             yield
         known = [wanted[record.curve] for record in self._shown]
         if self._untold or known != self._shown or layer.features.empty:
-            beside = columns.beside_of(known, space.times_of(image))
-            self._rows = columns.rows_of(known, beside=beside, last=self._rows)
-            layer.features = columns.as_table(self._rows)
+            layer.features = columns.as_table(columns.rows_of(known, beside=beside))
             self._shown, self._untold = known, False
         colours = columns.colours_of(known, look)
         if not np.allclose(layer.edge_color, colours):
