@@ -100,16 +100,10 @@ class PlaneJob(Job):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ImageJob(PlaneJob):
-    """A command that reads an image."""
-
-    image: str = opt(metavar="IMAGE")
-
-
-@dataclass(frozen=True, kw_only=True)
-class FrameJob(ScaledJob, ImageJob):
+class FrameJob(ScaledJob, PlaneJob):
     """A command that goes through the frames of an image."""
 
+    image: str = opt(metavar="IMAGE")
     polarity: Polarity = opt(
         "whether bodies are brighter or darker than what is around them; auto looks", default="auto"
     )
@@ -288,7 +282,7 @@ class CompareJob(PlaneJob):
 
 
 @dataclass(frozen=True, kw_only=True)
-class TrainingJob(ImageJob):
+class TrainingJob(PlaneJob):
     r"""Write a training set.
 
     Write the frames of a film that have accepted curves as a training set: images, splines, masks,
@@ -304,6 +298,7 @@ class TrainingJob(ImageJob):
     exit codes: 0 written; 2 not written, and the message says why
     """
 
+    image: str = opt(metavar="IMAGE")
     labels: Path = opt(metavar="LABELS", read=True)
     output: Path = opt("folder to write", "FOLDER", required=True)
     keep: Literal["accepted", "good"] = opt(
