@@ -42,8 +42,6 @@ class Suggestions:
         self._controller = controller
         # Work and frame of the last lines, and what others are chosen from when the slider moves.
         self._last: Any = None
-        # Of the last, what the user has moved or deleted.
-        self._refused = dict[model.Marked, model.Line]()
         self._soon = qdebounced(self._choose, PREVIEW_AFTER_MS)
 
     def suggest(self) -> None:
@@ -70,7 +68,7 @@ class Suggestions:
         self._soon()
 
     def _on_suggested(self, work: Work, frame: int, found: engine.Suggestions) -> None:
-        self._last, self._refused = (work, frame, found), {}
+        self._last = work, frame, found
         # What was deleted may be suggested again now.
         kept = (work.suggested.keys() & work.state.suggestions) - work.touched()
         work.suggested = {one: work.suggested[one] for one in kept}
@@ -90,11 +88,10 @@ class Suggestions:
         work, frame, found = self._last
         where = f" in frame {space.times_of(work.image).place(frame)}"
         step = "Suggest lines" + where * (space.frame_count(work.image) > 1)
-        if work not in self._controller.drawing.runs:  # all that was suggested is drawn
-            there, moved = work.state.suggestions.items(), work.touched()
-            self._refused |= {m: line for m, line in there if m in moved and m[0] == frame}
         chosen = found.choose(self.sensitivity)
-        new = model.new_among(chosen, [*self._refused.values()])
+        # What the user has moved or deleted does not come back.
+        refused = [np.frombuffer(line).reshape(-1, 2) for t, line in work.touched() if t == frame]
+        new = model.new_among(chosen, refused)
         chosen = [line for line, wanted in zip(chosen, new, strict=True) if wanted]
         state, refined = (work.state.suggested(frame, some) for some in (chosen, ()))
 
