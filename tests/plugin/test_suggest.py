@@ -278,6 +278,27 @@ def test_suggested_lines_are_not_refined_as_if_they_were_drawn(
         until(lambda: c.records(), SOON)
 
 
+def test_what_was_deleted_in_one_frame_stays_so_when_lines_are_suggested_in_another(
+    qapp: Any, fake: FakeEngine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found = Suggestions(tuple(LINES), np.ones(len(LINES)))
+    monkeypatch.setattr(engine, "suggest", lambda *task: found)
+    with bench() as made:
+        made.image((2, 96, 128))
+        c = made.controller
+        c.suggestions.suggest()
+        made.rest()
+        layer = c.sketches
+        assert layer is not None
+        count = layer.nshapes
+        layer.remove([0])
+        made.viewer.dims.set_point(0, 1)
+        c.suggestions.suggest()
+        made.rest()
+        frames = [int(shape[0, 0]) for shape in layer.data]
+        assert (frames.count(0), frames.count(1)) == (count - 1, count)
+
+
 def test_the_slider_is_followed_when_what_runs_has_ended(
     qapp: Any, fake: FakeEngine, monkeypatch: pytest.MonkeyPatch
 ) -> None:

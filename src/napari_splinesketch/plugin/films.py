@@ -69,9 +69,9 @@ class Suggestions:
 
     def _on_suggested(self, work: Work, frame: int, found: engine.Suggestions) -> None:
         self._last = work, frame, found
-        # What was deleted may be suggested again now.
-        kept = (work.suggested.keys() & work.state.suggestions) - work.touched()
-        work.suggested = {one: work.suggested[one] for one in kept}
+        # What was deleted here may be suggested again now.
+        gone = {one for one in work.touched() if one[0] == frame}
+        work.suggested = {one: line for one, line in work.suggested.items() if one not in gone}
         self._put(self._controller.finish, first=True)
 
     def _choose(self) -> None:
