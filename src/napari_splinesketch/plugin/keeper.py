@@ -328,7 +328,8 @@ class Keeper:
 
     def _attend(self, work: Work) -> None:
         work.changes = self.changes
-        if work.colour((self.settings.colour_by, ruler_of(work.image))):
+        before, work.look = work.look, (self.settings.colour_by, ruler_of(work.image))
+        if work.look != before and work.slots["curves"].made is not None:
             self.show(work)
 
     def _let_go(self, work: Work) -> None:

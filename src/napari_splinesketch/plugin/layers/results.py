@@ -224,11 +224,6 @@ class Work:
             self.moving = [(frame, line) for line in looks.coarse(lines) if there]
             next(slot.update(), None)
 
-    def colour(self, look: columns.Look) -> bool:
-        """Choose what the colour of a curve says; say whether `show` has to be called for it."""
-        before, self.look = self.look, look
-        return self.slots["curves"].made is not None and before != look
-
     def deleted(self) -> bool:
         """Whether the user has removed the layer of curves, and so the results."""
         return self.slots["curves"].made is not None and self.layer("curves") is None
