@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float, Int, Real, Shaped
 from scipy.ndimage import map_coordinates
 
-from napari_splinesketch.engine.types import Curve
+from napari_splinesketch.engine.types import Curve, Line
 from napari_splinesketch.geometry import edges
 
 SPACING = 0.5
@@ -31,11 +31,11 @@ class Grid:
     origin: Float[np.ndarray, "2"]
     step: Float[np.ndarray, "2"]
 
-    def to_image(self, points: Float[np.ndarray, "N 2"]) -> Float[np.ndarray, "N 2"]:
+    def to_image(self, points: Line) -> Line:
         """Take the block's (row, col) to the image's."""
         return self.origin + self.step * points
 
-    def to_block(self, points: Float[np.ndarray, "N 2"]) -> Float[np.ndarray, "N 2"]:
+    def to_block(self, points: Line) -> Line:
         """Take the image's (row, col) to the block's."""
         return (points - self.origin) / self.step
 
@@ -176,16 +176,14 @@ def film_of(
     return Planes(shape, np.float32, plane), grid
 
 
-def across(points: Float[np.ndarray, "P 2"], half_width: Along) -> Float[np.ndarray, "P Q 2"]:
+def across(points: Line, half_width: Along) -> Float[np.ndarray, "P Q 2"]:
     """Places on a body's cross-sections, from edge to edge, px; one where no width is known."""
     reach = np.nan_to_num(half_width, nan=0.0, posinf=0.0)
     count = 1 + 2 * int(np.ceil(reach.max(initial=0.0) / SPACING))
     return np.linspace(*edges(points, reach), count, axis=1) if count > 1 else points[:, None]
 
 
-def mean_across(
-    picture: Real[np.ndarray, "H W"], points: Float[np.ndarray, "P 2"], half_width: Along
-) -> Along:
+def mean_across(picture: Real[np.ndarray, "H W"], points: Line, half_width: Along) -> Along:
     """Average a picture over a body's cross-section at each point of its centreline.
 
     Pixels that are not finite are left out, as are those beyond the picture; NaN where none is
