@@ -190,11 +190,8 @@ def taken(
 ) -> tuple[Frame, Frame, Frame, Frame]:
     """Take a picture of drawn bodies, out of focus by `blur` px.
 
-    Returns
-    -------
-    background, clean, noise_sd, image
-        Intensity without bodies; with bodies; standard deviation of photon and read noise at each
-        pixel; and what a camera would give.
+    Gives the intensity without bodies and with them, the standard deviation of photon and read
+    noise at each pixel, and what a camera would give.
     """
     background, sign = background_of(look, drawn.shape), 1 if look.polarity == "bright" else -1
     clean = light * (background + sign * look.contrast * gaussian_filter(drawn, blur))
