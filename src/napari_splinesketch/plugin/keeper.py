@@ -111,7 +111,7 @@ class Keeper:
                 events += [new.events.mode, new.selected_data.events.items_changed]
             self._ends[kind] = choices.listen(*[(event, self._on_seen) for event in events])
         layer, origin = self.sketches, origin_of(new) if isinstance(new, Image) else None
-        if origin and origin != (layer and (vars(layer).get(ORIGIN) or origin)):
+        if origin and not (layer and self._fits(layer)):
             own = (each for each in self.layers(Shapes) if vars(each).get(ORIGIN) == origin)
             self.choose_layer(Shapes, next(own, None))
         self.changes.layers.emit()
