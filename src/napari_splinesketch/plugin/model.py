@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Collection, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import cached_property
 from itertools import accumulate, count
 from operator import attrgetter
 from typing import Any, Concatenate, Generic, ParamSpec, TypeVar
@@ -12,7 +12,6 @@ import numpy as np
 from jaxtyping import Bool, Float
 from psygnal import Signal, SignalGroup
 from scipy.optimize import linear_sum_assignment
-from toolz import groupby
 
 from napari_splinesketch.engine.spline import apart, resample
 from napari_splinesketch.engine.types import Curve, Line
@@ -123,7 +122,14 @@ def once(find: Callable[Concatenate[V, A], T]) -> Callable[Concatenate[V, A], T]
 
 
 key_of: Callable[[Record], Key] = attrgetter("frame", "id")  # tells it from others
-by_frame: Callable[[Iterable[Any]], dict[int, list[Any]]] = partial(groupby, attrgetter("frame"))
+
+
+def by_frame(values: Iterable[Any]) -> dict[int, list[Any]]:
+    """Give records, or other values that have a frame, by frame."""
+    found: dict[int, list[Any]] = {}
+    for value in values:
+        found.setdefault(value.frame, []).append(value)
+    return found
 
 
 def changed(lines: Sequence[Any], change: Callable[[Any], Any]) -> list[Any]:
