@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from napari.layers import Image
 from napari.layers._source import Source
 
 from napari_splinesketch.plugin.dock import SplinesketchDock
@@ -264,18 +265,21 @@ def test_work_on_a_film_that_was_still_being_written_is_offered_with_the_whole_o
     film, source = np.random.default_rng(0).random((6, 96, 128)), Source(path=f"{tmp_path}/a.zarr")
     begun = film * (np.arange(6) < 2)[:, None, None]
     with bench() as made:
-        made.viewer.add_image(begun[:4])._set_source(source)
+        made.viewer.add_layer(image := Image(begun[:4]))
+        image._set_source(source)
         made.sketches()
         made.refine()
     for pixels in (begun, film, film):
         with bench() as made:
-            made.viewer.add_image(pixels)._set_source(source)
+            made.viewer.add_layer(image := Image(pixels))
+            image._set_source(source)
             made.resume()
             (layer,) = [work.sketches for work in made.controller.works]
             layer.add_paths([[[40, 10], [40, 60]]])
     assert len(layer.data) == 5
     with bench() as made:
-        made.viewer.add_image(film + 1)._set_source(source)
+        made.viewer.add_layer(image := Image(film + 1))
+        image._set_source(source)
         made.sketches()
         made.saver.flush()
         assert not made.saver.offers(), "another film of the same name"
