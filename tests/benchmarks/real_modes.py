@@ -8,6 +8,7 @@ Prints a line for each, and writes all figures to docs/benchmarks/real_modes.csv
 import argparse
 import csv
 import os
+import resource
 import time
 import warnings
 from collections.abc import Callable, Sequence
@@ -54,6 +55,10 @@ ENDS_FRAMES = 8
 """Ends vary by as much as a pixel: there are so many bodies of each taper for each frame."""
 THICK, LONG = (3.0, 6.0, 12.0), 150.0
 """Half-widths and length of bodies of different profiles, px."""
+MESH, APART = 6000, 60
+"""Side of an image full of filaments, and how far these are from each other, px."""
+STRETCHES = ((500, 6), (2000, 2), (2000, 21), (4000, 41))
+"""Lengths and numbers of points of lines on them, px."""
 UNEQUAL = ("club",)
 """Tapers whose two ends are not alike."""
 RIMS = (3.5, 4.5, 6.0)
@@ -229,6 +234,31 @@ def widths(run: Refine, frames: int) -> Figures:
     return figures
 
 
+def stretches(run: Refine, frames: int) -> Figures:
+    """Time and memory of one long line in a large image; once each."""
+    del frames
+    figures: Figures = {}
+    along = np.arange(MESH)
+    wave = 40 * np.sin(along / 90)
+    off = (along[:, None] - wave) % APART - APART / 2
+    one = np.exp(-(off**2) / 18, dtype=np.float32)
+    image = np.maximum(one, one.T)
+    image += np.random.default_rng(SEED).normal(0, 0.1, image.shape).astype(np.float32)
+    for length, points in STRETCHES:
+        at = np.linspace(0, length, points) + (MESH - length) // 2
+        truth = np.stack([wave + MESH // 2 + APART / 2, along], axis=1)
+        sketch = np.stack([np.interp(at, along, truth[:, 0]), at], axis=1)
+        began = time.perf_counter()
+        (curve,) = run(image, [sketch])
+        name = f"{length} px, {points} points"
+        figures[f"{name}: s"] = time.perf_counter() - began
+        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+        figures[f"{name}: peak so far, MB"] = peak
+        away = KDTree(truth).query(curve.points)[0]
+        figures[f"{name}: farthest from its filament, px"] = float(away.max())
+    return figures
+
+
 def profiles(run: Refine, frames: int) -> Figures:
     """By how much the half-widths of single bodies come out too large, by profile; medians."""
     figures: Figures = {}
@@ -321,6 +351,7 @@ MODES = {
     "sizes": sizes,
     "widths": widths,
     "profiles": profiles,
+    "stretches": stretches,
     "contrast": contrast,
     "hollow": hollow,
     "suggest": suggested,

@@ -104,15 +104,18 @@ def test_signs_and_weights_belong_together():
     )
 
 
-@pytest.mark.parametrize(("last", "marked"), [(93, False), (106, True)])
+@pytest.mark.parametrize(("seed", "half_width"), [(0, 2), (0, 3), (4, 3), (5, 2), (6, 3), (7, 2)])
+@pytest.mark.parametrize(("too_long", "marked"), [(0, False), (13, True), (20, True)])
 def test_a_curve_that_ends_long_before_its_clicked_sketch_says_so(
-    last: float, marked: bool
+    too_long: float, marked: bool, seed: int, half_width: float
 ) -> None:
+    """It ends where its body does, and not in the background that was clicked."""
     rows, columns = np.mgrid[:80, :140].astype(float)
     beside = np.hypot(rows - 40, np.clip(np.abs(columns - 60) - 30, 0, None))
-    image = 1 / (1 + np.exp((beside - 3) / 0.4))
-    image += np.random.default_rng(0).normal(0, 0.05, image.shape)
-    sketch = np.column_stack([np.full(6, 40.0), np.linspace(28, last, 6)])
+    image = 1 / (1 + np.exp((beside - half_width) / 0.4))
+    image += np.random.default_rng(seed).normal(0, 0.05, image.shape)
+    end = 90 + half_width
+    sketch = np.column_stack([np.full(6, 40.0), np.linspace(28, end + too_long, 6)])
     curve = refine(image, [sketch]).curves[0]
-    assert abs(curve.points[-1, 1] - 93) < 3
+    assert abs(curve.points[-1, 1] - end) < 3
     assert any("before its sketch does" in reason for reason in curve.reasons) == marked

@@ -54,6 +54,15 @@ def test_islands_hold_what_overlaps(case):
     assert covered.max() == 1
 
 
+@pytest.mark.parametrize(("points", "most"), [(2, 1150), (41, 320)])
+def test_the_window_of_a_long_sketch_follows_the_body_that_it_may_mean(points, most):
+    """A clicked body is beside its clicks; that of a straight line may bulge far from it."""
+    row = np.linspace(100, 2900, points)
+    (island,) = islands.split(np.zeros((3000, 3000)), [np.stack([row, 0 * row + 1500], 1)], [0], [])
+    columns = island.pose.window[1]
+    assert 0.3 * 2800 / (points - 1) < (columns.stop - columns.start) / 2 < most
+
+
 def test_far_sketches_do_not_change_each_other():
     image, sketches = corners()
     both = refine(image, sketches)

@@ -36,6 +36,16 @@ def test_fractions_never_fall_and_stages_are_named():
     assert all(stages)
 
 
+def test_looking_at_one_sketch_can_be_cancelled_between_its_half_widths():
+    """A long line of a large image is looked at for seconds."""
+    _, records = watched(bodies=1)
+    stages = [r.stage for r in records]
+    assert stages.index("tracing bodies") > 8
+    result, records = watched(stop_at=5, bodies=1)
+    assert len(records) == 6
+    assert result.curves[0].reasons == (CANCELLED,)
+
+
 def test_numpys_false_cancels_too():
     made = frame(2, 2)
     found = refine(made.image, sketches_of(made), on_progress=lambda _: np.bool_(False))  # pyright: ignore[reportArgumentType]

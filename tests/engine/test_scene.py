@@ -76,6 +76,19 @@ def test_noise_does_not_see_a_gradient():
     assert scene.pixel_noise(white + 5 * rows - 2 * cols) == pytest.approx(0.3, rel=0.05)
 
 
+def test_noise_is_measured_where_most_of_the_image_is_cut_off_at_black():
+    white = np.random.default_rng(0).normal(0, 0.3, (96, 128))
+    cut = np.where(np.indices(white.shape)[0] < 60, 0.0, 5.0 + white)
+    assert scene.pixel_noise(cut) == pytest.approx(0.3, rel=0.1)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.02])
+def test_a_drawn_image_has_no_noise(share):
+    drawn = np.zeros((100, 100))
+    drawn.flat[: int(share * drawn.size)] = 1.0
+    assert scene.pixel_noise(drawn) == 0.0
+
+
 @pytest.mark.parametrize(("half_width", "error"), [(1.2, 0.8), (2.0, 0.3), (3.0, 0.3), (5.0, 0.3)])
 def test_half_width_is_measured(half_width, error):
     measured = []

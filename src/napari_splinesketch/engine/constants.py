@@ -14,6 +14,8 @@ import numpy as np
 THINNEST_GIVEN_PX = 0.2
 # a sketch may leave the image by this many of its longer sides (guards against wrong units):
 FAR_OUTSIDE = 10.0
+# image that is looked at around a long sketch, beside how far its body may be from it (speed):
+AROUND_PX = 250.0
 # curves are within this, also those of sketches that reach farther (labels files hold no more):
 FARTHEST_PX = 1e9
 # pixels beyond this are no measurement but a fill value, or overflow single precision (numerics):
@@ -26,6 +28,9 @@ LINES_APART = 20
 FREEHAND_POINTS = 200
 # sketches are rounded to this grid, so that turning them is exact (floating point):
 GRID_PX = 2.0**-10
+
+# an image of whose second differences more than this share are 0 was drawn: it has no noise
+DRAWN = 0.9
 
 # === Look: ridges
 WIDTH_RATIO = 1.35  # ratio of one half-width of the ladder to the next
@@ -186,6 +191,8 @@ PATH_WEIGHTS = np.array([27.0, 1.7, 2.0, 11.0, 10.5, 1.5])
 IMPOSSIBLE = 1000.0  # cost of a path that its sketch cannot mean
 # most that a clicked sketch costs as its own path: it stays where nothing is found:
 KEPT_SKETCH = 17.0
+# a clicked line ends where the image is darker than STRIP_SEEN / this of its body's brightness:
+SHOWN = 2.0
 UNSEEN_MOST = 0.6  # a path without evidence along more than this share is no body's
 
 # === Find: the joint choice
@@ -257,10 +264,10 @@ UNEVEN = 0.1  # standard deviation of the knots' spacing along a curve, as a sha
 # bound of the first:
 PRIORS = {
     "log_width_0": (0.0, 0.4, np.log(0.4), 1.5),
-    "log_width_1": (0.0, 0.12, -0.7, 0.7),
-    # bodies are not much thicker at both ends than in the middle: what looks so is beside them
+    # what makes a body seem much wider at an end is beside it:
+    "log_width_1": (0.0, 0.12, -0.5, 0.5),
     "log_width_2": (0.0, 0.12, -0.7, 0.2),
-    "log_width_3": (0.0, 0.12, -0.7, 0.7),
+    "log_width_3": (0.0, 0.12, -0.3, 0.3),
     **{f"brightness_{i}": (0.0, 0.1, -0.5, 0.5) for i in range(1, LIGHT_MODES + 1)},
     "contrast": (1.0, 0.3, 0.1, 5.0),
     "log_blur": (np.log(0.7), 0.4, np.log(0.25), np.log(3.0)),

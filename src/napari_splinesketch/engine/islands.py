@@ -8,7 +8,6 @@ from jaxtyping import Float, Int, Real
 from scipy.sparse.csgraph import connected_components
 
 from napari_splinesketch.engine import constants as const
-from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.settings import MARGIN
 from napari_splinesketch.engine.types import Array, Curve, Line
 
@@ -170,7 +169,8 @@ def _in_pose(lines: dict[int, Line], fixed: Sequence[Curve], pose: Pose) -> Isla
 
 
 def _surroundings(line: Line, shape: tuple[int, ...]) -> Int[Array, "2 2"]:
-    margin = MARGIN + spline.arc_length(line)[-1] / 2
+    steps = np.linalg.norm(np.diff(line, axis=0), axis=1)
+    margin = MARGIN + min(steps.sum() / 2, const.AROUND_PX + const.CHORD_BULGE * steps.max())
     low = np.clip(np.floor(line.min(0) - margin), 0, np.array(shape) - 1)
     return np.array([low, np.clip(np.ceil(line.max(0) + margin) + 1, low + 1, shape)]).astype(int)
 

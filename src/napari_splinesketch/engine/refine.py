@@ -4,6 +4,7 @@ import threading
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from jaxtyping import Float, Real
@@ -148,25 +149,35 @@ def _read(
     One light falls on all of an image, so all are read before the first is given.
     """
     waiting, moments = list[tuple[Island, Scenes]](), np.zeros((3, 3))
+    tick = partial(progress, "looking at the image", 0.0)
+
+    def pixels_of(island: Island) -> Real[Array, "h w"]:
+        tick()
+        return checks.known(island.pose.cut(image))
+
+    def look(
+        island: Island, signs: Polarity | list[int], towards: Float[Array, "2"] | None = None
+    ) -> Scenes:
+        pixels = pixels_of(island)
+        return scene.read_scenes(pixels, island.sketches, signs, half_width, towards, tick)
+
     for island in all_islands:
-        progress("looking at the image", 0.0)
-        pixels = checks.known(island.pose.cut(image))
-        blank = checks.blank(pixels)
+        blank = checks.blank(pixels_of(island))
         if blank:
             yield island, blank
             continue
-        scenes = scene.read_scenes(pixels, island.sketches, polarity, half_width)
+        scenes = look(island, polarity)
         if polarity == "auto":
             signs = finding.signs(scenes, island.sketches)
             if any(signs[i] != seen.sign for members, seen in scenes for i in members):
-                scenes = scene.read_scenes(pixels, island.sketches, signs, half_width)
+                scenes = look(island, signs)
             turn = block_diag(island.pose.turn, 1.0)
             moments += turn.T @ scene.leaning(scenes) @ turn
         scene.tidy(scenes)
         waiting.append((island, scenes))
 
     def lit_from(light: Float[Array, "2"]) -> list[tuple[Island, Scenes]]:
-        return [(island, _lit(image, island, light, half_width, progress)) for island, _ in waiting]
+        return [(island, look(island, "bright", island.pose.turn @ light)) for island, _ in waiting]
 
     lights = relief.lights(moments)
     costs = [_cost(lit_from(light)) for light in lights]
@@ -181,19 +192,6 @@ def _read(
 def _cost(read: list[tuple[Island, Scenes]]) -> float:
     """What all sketches cost at least."""
     return sum(finding.least_cost(scenes, island.sketches) for island, scenes in read)
-
-
-def _lit(
-    image: Real[Array, "H W"],
-    island: Island,
-    light: Float[Array, "2"],
-    half_width: float | None,
-    progress: "_Progress",
-) -> Scenes:
-    """The scene of an island whose bodies are lit from a direction in the image."""
-    progress("looking at the image", 0.0)
-    pixels, towards = checks.known(island.pose.cut(image)), island.pose.turn @ light
-    return scene.read_scenes(pixels, island.sketches, "bright", half_width, towards)
 
 
 def _fitted(

@@ -16,7 +16,7 @@ PRESETS: tuple[PresetName, ...] = get_args(PresetName)
 OFFERED: tuple[PresetName, ...] = ("balanced", "paper")
 """Those that differ: "fast" and "thorough" are the same as "balanced"."""
 MARGIN = 40
-"""Image that is looked at around a sketch, px, beside half of the sketch's length."""
+"""Image that is looked at around a sketch, px, beside half of the length of a short sketch."""
 
 
 @dataclass(frozen=True, kw_only=True)

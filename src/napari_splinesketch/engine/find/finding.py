@@ -365,6 +365,8 @@ def _start(seen: Scene, sketch: Line, mine: Candidates, path: int, margin: float
         or mine.cost[path] > const.IMPOSSIBLE
     ):
         return Start(sketch, False, sketch, rung, WIDTHS[rung], 1.0, known, margin)
+    if scoring.clicked(sketch):
+        line = _shown(seen, line, rung)
     near = range(max(rung - 1, 0), min(rung + 2, len(WIDTHS)))
     profile = ridge_profile(seen.ridges, line, WIDTHS[rung], near, seen.sign)
     own = min(max(first_high(profile), rung - 1), near[-1])
@@ -378,6 +380,19 @@ def _start(seen: Scene, sketch: Line, mine: Candidates, path: int, margin: float
     goes_on &= np.linalg.norm(line[0] - line[-1]) > 2 * WIDTHS[rung]  # a ring ends where it begins
     first, last = goes_on.tolist()
     return Start(line, True, sketch, rung, half_width, contrast, known, margin, (first, last))
+
+
+def _shown(seen: Scene, line: Line, rung: int) -> Line:
+    """A line without what lies beyond its body's ends, where the image is as dark as beside it."""
+    s = spline.arc_length(line)
+    step = max(const.STRIP_STEP_HW * WIDTHS[rung], const.STRIP_STEP_PX)
+    at = spline.resample(line, max(12, round(float(s[-1]) / step) + 1)).T
+    bright = scoring.seen_at(seen.normal, at)
+    bright *= const.SHOWN / max(float(np.median(bright)), 1e-9)
+    there = np.maximum(scoring.seen_at(seen.evidence(rung), at), bright.clip(0, 1))
+    part = np.array(strip.ends(there, 0)) / (len(there) - 1)
+    first, last = part * s[-1]
+    return line[(s >= first) & (s <= last)]
 
 
 def extra_costs(seen: Scene, start: Start, line: Line) -> dict[str, float]:

@@ -44,7 +44,7 @@ def paths_along(
     steepest = max(2, int(np.ceil(const.STRIP_STEEPEST * along / across)))
     best = _cheapest(cost, steepest, const.STRIP_TILT * (across / along) ** 2)
     ways = np.arange(len(best)), best
-    first, last = _ends(seen[ways], extra)
+    first, last = ends(seen[ways], extra)
     found = [at[ways][first : last + 1]]
     if between_ends:
         cost = 1 / (const.MINIMAL_FLOOR + seen.astype(np.float64))
@@ -52,7 +52,7 @@ def paths_along(
         search = MCP_Geometric(cost, sampling=(along, across))
         search.find_costs([first], [last])
         ways = tuple(np.transpose(search.traceback(last)))
-        first, last = _ends(seen[ways], 0)
+        first, last = ends(seen[ways], 0)
         found.append(at[ways][first : last + 1])
     return found
 
@@ -87,7 +87,7 @@ def _cheapest(cost: Float[Array, "S T"], steepest: int, tilt: float) -> Int[Arra
     return np.array(found[::-1])
 
 
-def _ends(seen: Float[Array, " S"], extra: int) -> tuple[int, int]:
+def ends(seen: Float[Array, " S"], extra: int) -> tuple[int, int]:
     """First and last step: what is seen between them pays, what is left out of the sketch costs."""
     gained = np.concatenate([[0.0], np.cumsum(seen - const.STRIP_SEEN)])
     count, middle = len(seen), len(seen) // 2

@@ -1,6 +1,6 @@
 """How much each pixel looks like the middle of a body: bounded, two-sided, local."""
 
-from collections.abc import Container, Sequence
+from collections.abc import Callable, Container, Sequence
 from math import pi, sqrt
 
 import numpy as np
@@ -36,11 +36,14 @@ def smoothed(image: Float[Array, "H W"], rung: int) -> Float[Array, "h w"]:
 class Ridges:
     """The ridges of an image, of any width and of both polarities, measured when asked for.
 
-    The image is finite; `noise` is the standard deviation of its pixel noise, in its units.
+    The image is finite; `noise` is the standard deviation of its pixel noise, in its units. `tick`
+    is called before each measurement, which takes long in large images; it may raise.
     """
 
-    def __init__(self, image: Float[Array, "H W"], noise: float):
-        self._image, self.noise = np.empty(image.shape, np.float32), noise
+    def __init__(
+        self, image: Float[Array, "H W"], noise: float, tick: Callable[[], object] = lambda: None
+    ):
+        self._image, self.noise, self._tick = np.empty(image.shape, np.float32), noise, tick
         # Large values have no small differences in single precision.
         np.subtract(image, image.min(), out=self._image, casting="same_kind")
         self._heights: dict[tuple[int, int], Array] = {}
@@ -60,6 +63,7 @@ class Ridges:
         The image is reduced by `factor_of`.
         """
         if (rung, sign) not in self._heights:
+            self._tick()
             away = const.RIDGE_SIDE_HW * WIDTHS[rung] + const.RIDGE_SIDE_PX
             both = _heights(smoothed(self._image, rung), away / factor_of(rung))
             self._heights[rung, 1], self._heights[rung, -1] = both

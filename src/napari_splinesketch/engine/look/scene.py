@@ -1,6 +1,6 @@
 """What an image is made of before any curve is fitted, as seen through its sketches."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -76,19 +76,20 @@ def read_scenes(
     polarity: Polarity | Sequence[int],
     half_width: float | None,
     lit_from: Float[Array, "2"] | None = None,
+    tick: Callable[[], object] = lambda: None,
 ) -> list[tuple[list[int], Scene]]:
     """The scene of the bright bodies and that of the dark ones, with the sketches that mean them.
 
     Pixels that are not finite are masked; `polarity` and `half_width` are as given to `refine`, or
     the former is 1 or -1 for each sketch. If bodies are `lit_from` a direction, they are bright in
-    an image that is made of this one.
+    an image that is made of this one. `tick` is called now and then; it may raise `Stopped`.
     """
     image = np.asarray(image, dtype=np.float64)
     valid = np.isfinite(image)
     whole = image if valid.all() else filled(image, valid)
     if lit_from is not None:
         whole, polarity = relief.raised(whole, lit_from), "bright"
-    ridges = Ridges(whole, pixel_noise(whole))
+    ridges = Ridges(whole, pixel_noise(whole), tick)
     rounding = 1e-9 * float(max(whole.max(), -whole.min())) + 1e-30
     faintest = max(const.FAINTEST_CONTRAST * ridges.noise, rounding)
     around = [look_around(ridges, line) for line in sketches]
@@ -177,7 +178,11 @@ def filled(image: Float[Array, "H W"], valid: Bool[Array, "H W"]) -> Float[Array
 
 
 def pixel_noise(image: Float[Array, "H W"]) -> float:
-    """Standard deviation of white noise, from the median of diagonal second differences."""
+    """Standard deviation of white noise, from the median of diagonal second differences.
+
+    Where most of them are exactly 0, in images that are cut off at black or rounded, the others
+    tell.
+    """
     if min(image.shape) < 2:
         return float(np.std(np.diff(image.ravel())) / np.sqrt(2)) if image.size > 1 else 0.0
     # In place: images are large.
@@ -185,4 +190,6 @@ def pixel_noise(image: Float[Array, "H W"]) -> float:
     difference -= image[:-1, 1:]
     difference += image[:-1, :-1]
     np.abs(difference, out=difference)
+    if 0.5 < np.mean(difference == 0) < const.DRAWN:
+        difference = difference[difference > 0]
     return float(1.4826 * median(difference.ravel()) / 2)
