@@ -192,7 +192,7 @@ IMPOSSIBLE = 1000.0  # cost of a path that its sketch cannot mean
 # most that a clicked sketch costs as its own path: it stays where nothing is found:
 KEPT_SKETCH = 17.0
 # a clicked line ends where the image is darker than STRIP_SEEN / this of its body's brightness:
-SHOWN = 2.0
+SHOWN = 4.0
 UNSEEN_MOST = 0.6  # a path without evidence along more than this share is no body's
 
 # === Find: the joint choice
