@@ -365,7 +365,7 @@ def _start(seen: Scene, sketch: Line, mine: Candidates, path: int, margin: float
         or mine.cost[path] > const.IMPOSSIBLE
     ):
         return Start(sketch, False, sketch, rung, WIDTHS[rung], 1.0, known, margin)
-    if scoring.clicked(sketch):
+    if scoring.clicked(sketch) and seen.background_kind != "textured":
         line = _shown(seen, line, rung)
     near = range(max(rung - 1, 0), min(rung + 2, len(WIDTHS)))
     profile = ridge_profile(seen.ridges, line, WIDTHS[rung], near, seen.sign)
