@@ -140,14 +140,14 @@ def test_a_folder_that_is_away_is_said_and_never_stops_the_dock(home: Path) -> N
 def test_an_image_that_could_not_be_read_is_saved_with_the_next_edit(
     home: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    real, broken = saver._checksum, [True]
+    real, broken = saver._checksums, [True]
 
-    def checksum(*image: Any) -> str:
+    def checksums(*image: Any) -> Any:
         if broken[0]:
             raise OSError("the disk is away")
         return real(*image)
 
-    monkeypatch.setattr(saver, "_checksum", checksum)
+    monkeypatch.setattr(saver, "_checksums", checksums)
     with bench() as first:
         first.image()
         until(lambda: "the disk is away" in first.saver.problem, SOON)
@@ -160,12 +160,12 @@ def test_an_image_that_could_not_be_read_is_saved_with_the_next_edit(
 def test_an_image_that_takes_long_to_read_keeps_no_other_from_being_saved(
     home: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    real, go = saver._checksum, threading.Event()
+    real, go = saver._checksums, threading.Event()
     with bench() as first:
         first.image()
         layer = first.sketches()
         until(lambda: counts(home) == [(2, 0)], SOON)
-        monkeypatch.setattr(saver, "_checksum", lambda *image: go.wait(SOON) and real(*image))
+        monkeypatch.setattr(saver, "_checksums", lambda *image: go.wait(SOON) and real(*image))
         first.image(seed=1)
         layer.add_paths([LINES[0] + 9])
         until(lambda: counts(home) == [(3, 0)], SOON / 2)

@@ -56,8 +56,7 @@ class Home:
 
     def _look(self, name: str, path: Path | None, pixels: Any, frames: int, chosen: str) -> None:
         """Find out which image it is, where its work goes, and what is saved of it."""
-        checksum, self.unread = _checksum(pixels, frames), ""
-        first = _checksum(pixels[(0,) * frames], 0) if frames else checksum
+        (checksum, first), self.unread = _checksums(pixels, frames), ""
         ending = f"{checksum[:DIGITS]}.splinesketch"
         # Of a layer's name, what any disk takes.
         plain = re.sub(r"[^\w-]+", " ", name)[:LETTERS].strip() or "image"
@@ -348,16 +347,23 @@ def _session(work: results.Work) -> Session:
     return Session(layer.name, drawn=drawn, state=work.state)
 
 
-def _checksum(pixels: Any, frames: int) -> str:
-    """Tell an image by shape, type and some pixels of its first, middle and last frame."""
+def _checksums(pixels: Any, frames: int) -> tuple[str, str]:
+    """Tell an image by shape, type and some pixels of its first, middle and last frame.
+
+    And by those of its first frame alone.
+    """
     shape = tuple(map(int, pixels.shape))
     leading, (rows, columns) = shape[:frames], shape[frames : frames + 2]
     every = slice(None, None, max(1, int(np.ceil(np.sqrt(rows * columns / LOOKED_AT)))))
     total = int(np.prod(leading, dtype=int))
     places = (np.unravel_index(frame, leading) for frame in sorted({0, total // 2, total - 1}))
     read = [np.ascontiguousarray(pixels[(*map(int, at), every, every)]) for at in places]
-    # The type as it is read: arrays of other libraries have types of their own.
-    digest = hashlib.sha256(repr((shape, read[0].dtype.str)).encode())
-    for frame in read:
-        digest.update(frame.tobytes())
-    return digest.hexdigest()
+
+    def checksum(shape: tuple[int, ...], read: Sequence[np.ndarray]) -> str:
+        # The type as it is read: arrays of other libraries have types of their own.
+        digest = hashlib.sha256(repr((shape, read[0].dtype.str)).encode())
+        for frame in read:
+            digest.update(frame.tobytes())
+        return digest.hexdigest()
+
+    return checksum(shape, read), checksum(shape[frames:], read[:1])
