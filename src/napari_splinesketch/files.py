@@ -19,8 +19,8 @@ INSTALL = "pip install 'napari-splinesketch[{}]'"  # with what an extra brings
 FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
 LOCKLESS = {errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOLCK}
 """What locking says on a disk that cannot lock files, as some of clusters cannot."""
-LONGEST = 255
-"""Bytes of a file's name that disks allow."""
+LONGEST_NAME = 255
+"""Of a file or folder, bytes; disks take no longer ones."""
 BEYOND = 2**30
 """Where Windows locks a byte: what it locks cannot be read."""
 SAID_WHEN_FULL = ("No space left", "File too large", "requested and")
@@ -95,7 +95,7 @@ def owned(path: str | os.PathLike[str]) -> Iterator[None]:
     """
     target = Path(os.path.realpath(path))
     # Names that are as long as is allowed share a lock with others that begin like them.
-    name = os.fsencode(target.name)[: LONGEST - len("..lock")].decode(errors="ignore")
+    name = os.fsencode(target.name)[: LONGEST_NAME - len("..lock")].decode(errors="ignore")
     lock = target.with_name(f".{name}.lock")
     descriptor = _take(lock, target)
     try:

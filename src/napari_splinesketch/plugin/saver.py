@@ -21,7 +21,7 @@ from qtpy.compat import isalive
 from qtpy.QtCore import QObject
 from superqt.utils import qthrottled
 
-from napari_splinesketch.files import owned, reason_of
+from napari_splinesketch.files import LONGEST_NAME, owned, reason_of
 from napari_splinesketch.labels import LabelsError
 from napari_splinesketch.plugin import engine, sessions, words
 from napari_splinesketch.plugin.choices import PLACED, listen
@@ -36,7 +36,6 @@ from napari_splinesketch.plugin.sessions import EVERY, Folder, Head, Session, Sh
 DELAY_MS = 700  # from a change to its being written, at least; more changes meanwhile go together
 AGAIN_MS = 5000  # after something that failed, until it is tried again
 LOOKED_AT = 2**20  # most pixels of a frame that tell one image from another
-LONGEST_NAME = 255  # of a file or folder, bytes; disks take no longer ones
 OLD = ".old"  # added to the name of a folder that is not offered again
 LETTERS, DIGITS = 50, 12  # of a layer's name and of the checksum, in a folder's name
 _log = logging.getLogger(__name__)
