@@ -13,10 +13,12 @@ Body = tuple[int, Float[Array, "N 2"], Float[Array, " N"]]
 """What its pixels are to hold, its centreline (row, col) and its half-width, px."""
 STRIP = 2**19
 """Pixels of a label image that are drawn at a time: their depth is held beside them."""
-TOGETHER = 16
-"""Segments of a line that are drawn at a time."""
 TILE = 90
-"""Side of what is drawn at a time, px; each of its pixels takes 100 bytes a segment."""
+"""Side of what is drawn around a segment at a time, px, at most."""
+PIECE, PIECES = 16.0, 1000
+"""Length of a segment at most, px, if that takes no more of them; longer ones are cut."""
+TOGETHER = 2**17
+"""Pixels around segments that are drawn at a time; each takes 100 bytes."""
 
 
 def rasterise(
@@ -39,16 +41,29 @@ def rasterise(
         low[0], high[0] = max(low[0], rows[0]), min(high[0], rows[1])
     if np.any(high <= low):
         return None
-    # A stretch of the body at a time, and of its surroundings a tile.
-    depth, points = np.full(tuple(high - low), -np.inf, np.float32), points - low
-    for i in range(0, len(points) - 1, TOGETHER):
-        line, widths = points[i : i + TOGETHER + 1], half_width[i : i + TOGETHER + 1]
-        first, last = _window(line, widths.max(), depth.shape)
-        for top, left in product(*(range(a, b, TILE) for a, b in zip(first, last, strict=True))):
-            end = np.minimum((top + TILE, left + TILE), last)
-            tile = slice(top, end[0]), slice(left, end[1])
-            down, right = np.mgrid[tile]
-            np.maximum(depth[tile], _depth(down, right, line, widths), out=depth[tile])
+    whole = high - low
+    depth = np.full(tuple(whole), -np.inf, np.float32)
+    length = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    pieces = np.ceil(length / max(PIECE, length.sum() / PIECES)).clip(1)
+    corners = np.arange(len(points))
+    at = np.interp(np.arange(pieces.sum() + 1), np.append(0, pieces.cumsum()), corners)
+    points = np.column_stack([np.interp(at, corners, each) for each in (points - low).T])
+    half_width = np.interp(at, corners, half_width)
+    # Of many segments at a time, windows of one size, which hold the largest of them.
+    reach = np.maximum(half_width[:-1], half_width[1:])[:, None]
+    first = np.floor(np.minimum(points[:-1], points[1:]) - reach)
+    last = np.ceil(np.maximum(points[:-1], points[1:]) + reach) + 1
+    there = np.flatnonzero(((last > 0) & (first < whole)).all(axis=1))
+    size = np.minimum((last - first)[there].max(axis=0, initial=1), whole).astype(int)
+    corner = np.clip(first, 0, whole - size).astype(int)
+    count = max(1, TOGETHER // np.minimum(size, TILE).prod())
+    for tile in product(*(range(0, side, TILE) for side in size)):
+        row, col = map(np.arange, tile, np.minimum(np.add(tile, TILE), size))
+        for some in np.split(there, range(count, len(there), count)):
+            down = corner[some, 0, None, None] + row[:, None]
+            right = corner[some, 1, None, None] + col
+            deep = _depth(down, right, some, points, half_width).astype(np.float32)
+            np.maximum.at(depth.ravel(), (down * whole[1] + right).ravel(), deep.ravel())
     return (slice(low[0], high[0]), slice(low[1], high[1])), depth
 
 
@@ -64,11 +79,15 @@ def label_image(
     """
     image = np.zeros(shape, dtype)
     height = max(1, STRIP // shape[1])
+    reach = [(p[:, 0].min() - w.max(), p[:, 0].max() + w.max()) for _, p, w in bodies]
+    # Not known where a half-width is not, and then nothing is drawn.
+    low, high = np.array(reach).reshape(-1, 2).T
     for top in range(0, shape[0], height):
         tell(top / shape[0])
         strip = image[top : top + height]
         deepest = np.full(strip.shape, -1, np.float32)
-        for value, points, half_width in bodies:
+        for number in np.flatnonzero((low < top + height) & (high > top - 1)).tolist():
+            value, points, half_width = bodies[number]
             drawn = rasterise(points, half_width, shape, (top, top + height))
             if drawn is None:
                 continue
@@ -90,16 +109,17 @@ def _window(
 
 
 def _depth(
-    rows: Int[Array, "h w"],
-    cols: Int[Array, "h w"],
-    line: Float[Array, "N 2"],
+    rows: Int[Array, "S h 1"],
+    cols: Int[Array, "S 1 w"],
+    some: Int[Array, " S"],
+    points: Float[Array, "N 2"],
     widths: Float[Array, " N"],
-) -> Float[Array, "h w"]:
-    """Half-width minus distance from a polyline; the half-width changes evenly along a segment."""
-    start, step = line[:-1, :, None, None], np.diff(line, axis=0)[:, :, None, None]
+) -> Float[Array, "S h w"]:
+    """Half-width minus distance from segments; the half-width changes evenly along each."""
+    start, step = points[some, :, None, None], (points[some + 1] - points[some])[..., None, None]
     square = np.maximum((step**2).sum(axis=1), 1e-30)
     away_row, away_col = rows - start[:, 0], cols - start[:, 1]
     along = np.clip((away_row * step[:, 0] + away_col * step[:, 1]) / square, 0, 1)
-    distance = np.hypot(away_row - along * step[:, 0], away_col - along * step[:, 1])
-    width = widths[:-1, None, None] + along * np.diff(widths)[:, None, None]
-    return (width - distance).max(axis=0)
+    square = (away_row - along * step[:, 0]) ** 2 + (away_col - along * step[:, 1]) ** 2
+    change = widths[some + 1] - widths[some]
+    return widths[some, None, None] + along * change[:, None, None] - np.sqrt(square)

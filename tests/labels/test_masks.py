@@ -7,6 +7,7 @@ import pytest
 import tifffile
 from PIL import Image, ImageSequence
 
+from napari_splinesketch import raster
 from napari_splinesketch.labels import Label, Labels, write_labels
 from napari_splinesketch.raster import rasterise
 
@@ -60,6 +61,19 @@ def test_a_mask_is_all_within_the_half_width(label: Label) -> None:
 def test_what_has_no_width_or_lies_outside_has_no_mask() -> None:
     for label in (drawn(), bar([[-50, 5], [-30, 5]], [3, 3])):
         assert rasterise(label.points, label.half_width, (40, 40)) is None
+
+
+def test_a_body_is_looked_at_where_it_lies(monkeypatch: pytest.MonkeyPatch) -> None:
+    drawn, seen = [], []
+    one, near = raster.rasterise, raster._depth
+    monkeypatch.setattr(raster, "rasterise", lambda *body: drawn.append(1) or one(*body))
+    monkeypatch.setattr(raster, "_depth", lambda *some: seen.append(near(*some)) or seen[-1])
+    lines = [np.array([[row, 10.0], [row + 900, 910.0]]) for row in (50.0, 60, 1100)]
+    bodies = [(i, line, np.full(2, 2.0)) for i, line in enumerate(lines, 1)]
+    image = raster.label_image(bodies, (2048, 1024))
+    assert set(np.unique(image)) == {0, 1, 2, 3}
+    assert len(drawn) == 3 * 2, "of four strips, each lies in two"
+    assert sum(each.size for each in seen) < 10 * 3 * 1273 * 20, "not all between its ends"
 
 
 CROSS = Labels(
