@@ -3,6 +3,7 @@
 import base64
 import json
 import random
+import threading
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -128,6 +129,24 @@ def test_only_what_has_changed_is_written(tmp_path: Path) -> None:
     times = {path.name: path.stat().st_mtime_ns for path in tmp_path.iterdir()}
     folder.write(Session(first.layer, first.image, first.drawn[:2], one))
     assert times == {path.name: path.stat().st_mtime_ns for path in tmp_path.iterdir()}
+
+
+def test_several_frames_are_written_at_a_time_and_the_head_after_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    together, real, order = threading.Barrier(2), sessions._write, list[str]()
+
+    def meeting(path: Path, *what: Any) -> None:
+        if path.suffix == ".json" and path.name != "session.json":
+            together.wait(10)
+        real(path, *what)
+        order.append(path.name)
+
+    monkeypatch.setattr(sessions, "_write", meeting)
+    drawn = [Shape("line", np.array([[1.0, 2], [3, 4]]), frame) for frame in range(6)]
+    Folder(tmp_path).write(Session("x", drawn=drawn))
+    assert order[-1] == "session.json"
+    assert len(read(tmp_path, 9, SIZE)[0].drawn) == 6
 
 
 def test_a_head_that_could_not_be_written_is_written_later(

@@ -13,7 +13,8 @@ from collections.abc import Mapping, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field, fields, replace
 from datetime import UTC, datetime
-from itertools import count
+from itertools import count, groupby
+from multiprocessing.pool import ThreadPool
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Self
 
@@ -35,6 +36,7 @@ VERTICES = {"line": range(2, 3), "path": range(2, 2**31), "polygon": range(3, 2*
             "rectangle": range(4, 5), "ellipse": range(4, 5)}  # fmt: skip
 """The kinds of shapes that napari has, and how many vertices they may have."""
 LONGEST_NAME = 1000  # of a layer, letters
+AT_ONCE = 4  # files that are written: a disk makes sure of several in the time of one
 HEAD = "session.json"
 NEWER = "was written by a newer version; update napari-splinesketch"
 FRAME = re.compile(r"frame-(\d{1,18}|every)\.(json|npz)")
@@ -290,17 +292,22 @@ class Folder:
                 path.mkdir()
                 self._lock.enter_context(owned(path))
                 self.path = path
-        there = {file.name for file in self.path.iterdir()}
+        path, there = self.path, {file.name for file in self.path.iterdir()}
         for name in filter(FRAME.fullmatch, there):
             stale = name.endswith("npz") and known.get(name) is not files.get(name)
             if stale or name not in files:
                 (self.path / name).unlink()
                 known.pop(name, None)
-        for name, what in files.items():
-            if known.get(name) != what or name not in there:
-                head = Head.of(session, self.after) if name == HEAD else None
-                _write(self.path / name, head or what)
-                known[name], self.head = what, head or self.head
+        due = [name for name in files if known.get(name) != files[name] or name not in there]
+
+        def put(name: str) -> None:
+            head = Head.of(session, self.after) if name == HEAD else None
+            _write(path / name, head or files[name])
+            known[name], self.head = files[name], head or self.head
+
+        with ThreadPool(AT_ONCE) as pool:  # pages, then the head, then pictures
+            for _, names in groupby(due, lambda name: (name == HEAD, name.endswith("npz"))):
+                pool.map(put, names, 1)
 
 
 def _read_patch(path: Path, size: tuple[int, int]) -> Patch:
