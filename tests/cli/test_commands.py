@@ -295,7 +295,9 @@ def test_an_option_is_declared_once_and_checked_wherever_it_comes_from(
             assert (f"--{one.name.replace('_', '-')}" if text else metavar) in told
     for wrong in ("--split 0 0 0", "--split nan 0 0", "--block 0", "--seed -1"):
         assert main(f"export-training a.tif a.csv -o b {wrong}".split()) == 2
-        assert "; give " in capsys.readouterr().err
+        told = capsys.readouterr().err
+        assert f": {wrong.split()[0]} is " in told
+        assert "; give " in told
 
 
 def test_one_line_a_frame_or_one_a_curve(

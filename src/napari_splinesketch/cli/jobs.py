@@ -307,7 +307,10 @@ class TrainingJob(PlaneJob):
     )
     whole_frames: bool = opt("leave out frames in which only some curves are kept", default=False)
     split: tuple[float, float, float] = opt(
-        "shares of the film", ("TRAIN", "VAL", "TEST"), default=Split.shares
+        "shares of the film",
+        ("TRAIN", "VAL", "TEST"),
+        default=Split.shares,
+        begins="shares are ",
     )
     block: int | None = opt("frames that stay together (default: 1/20 of them, at most 100)", "N")
     gap: int | None = opt("frames left out between parts (default: 1/10 of a block)", "N")

@@ -45,10 +45,15 @@ def flag_of(name: str) -> str:
 
 
 def as_typed(reason: str, options: Any) -> str:
-    """Let a reason that begins with the name of an option in Python name it as it was typed."""
-    name, is_, rest = reason.partition(" is ")
-    known = {one.name for one in fields(options) if one.metadata["help"]}
-    return f"{flag_of(name)}{is_}{rest}" if name in known else reason
+    """Let a reason that begins with the name of an option in Python name it as it was typed.
+
+    `begins` of an option says how, where that is not its name.
+    """
+    for one in fields(options):
+        begins = one.metadata.get("begins", f"{one.name} is ")
+        if one.metadata["help"] and reason.startswith(begins):
+            return f"{flag_of(one.name)} is {reason.removeprefix(begins)}"
+    return reason
 
 
 def add_options(parser: argparse.ArgumentParser, options: Any) -> None:
