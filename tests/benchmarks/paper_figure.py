@@ -7,6 +7,7 @@ length, each body rendered alone; and the reconstruction loss of the frames of `
 Writes docs/images/paper_outputs.svg.
 """
 
+import argparse
 from pathlib import Path
 
 import frames
@@ -63,4 +64,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
+    argparse.ArgumentParser(description=__doc__).parse_args()
     main()

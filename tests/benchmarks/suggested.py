@@ -9,6 +9,7 @@ worms are in tests/data/worms_dense_judged.csv, marked by eye on enlarged crops 
 other. Suggestions whose middle is in a crowd are not judged there, unless they are on a worm.
 """
 
+import argparse
 import csv
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -139,4 +140,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
+    argparse.ArgumentParser(description=__doc__).parse_args()
     main()

@@ -1,6 +1,7 @@
 """The benchmark's own arithmetic: frames, rows, statistics and the bound."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import bound
 import compare_paper_rows
@@ -205,3 +206,10 @@ def test_tune_says_what_it_takes(
     with pytest.raises(SystemExit):
         tune.main()
     assert "{active_contour,filaments,splender}" in capsys.readouterr().out
+
+
+def test_no_script_starts_measuring_when_asked_for_help() -> None:
+    scripts = [path for path in Path(__file__).parent.glob("*.py") if "test_" not in path.name]
+    told = {path.name: path.read_text("utf-8") for path in scripts}
+    deaf = [n for n, t in told.items() if "parse_args()" not in t and "sys.argv" not in t]
+    assert not [name for name in deaf if "__main__" in told[name]]
