@@ -141,6 +141,22 @@ def test_deleting_the_curves_ends_what_makes_more_of_them(
     check_result(viewer)
 
 
+def test_deleting_the_curves_looks_through_them_once(
+    viewer: Any, dock: SplinesketchDock, fake: FakeEngine, running: Any
+) -> None:
+    finish(dock, fake)
+    check_result(viewer)
+    asked, plan = [], dock.controller.plan
+    dock.controller.plan = lambda state, *rest: (
+        asked.append(len(state.records)) or plan(state, *rest)
+    )
+    viewer.layers.remove("film curves")
+    told = len(asked)
+    until(lambda: "gone with their layer" in dock.notice.text(), 20)
+    assert told
+    assert not any(asked[told:])
+
+
 def test_deleting_all_layers_and_beginning_anew(
     viewer: Any, dock: SplinesketchDock, fake: FakeEngine, running: Any
 ) -> None:

@@ -335,8 +335,10 @@ class Keeper:
     def _let_go(self, work: Work) -> None:
         """Take the removal of the layer of curves for a step: the curves go, until undone."""
         if work in self.works and work.deleted():  # not one whose other layers went, too
+            known, nothing = work.state.records, State(suggestions=work.state.suggestions)
+            if known:  # first: with each layer that goes, all that is known is looked through
+                work.history.apply("Remove the curves", nothing)
             work.remove()
-            if work.state.records:
-                work.history.apply("Remove the curves", State(suggestions=work.state.suggestions))
-                self.show(work)  # as above
+            if known:
+                self.show(work)
                 self.tell("The curves are gone with their layer. Undo brings them back.")
