@@ -278,7 +278,11 @@ def test_a_disk_that_cannot_lock_files_is_written_to(
 
     monkeypatch.setattr("fcntl.flock", unable)
     with owned("a.csv"):
-        write("a.csv")
+        with atomic("a.csv") as part:
+            part.write_text("whole")
+            with owned("a.csv"):
+                pass
+            assert part.exists(), "it is being written"
     assert os.listdir() == ["a.csv"]
 
 

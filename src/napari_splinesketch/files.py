@@ -91,15 +91,17 @@ def owned(path: str | os.PathLike[str]) -> Iterator[None]:
 
     A file beside it, .NAME.lock, says who writes. The operating system lets go of it when the
     process ends, however it ends, so that nothing stale stands in the way. What a killed one had
-    not finished is deleted. BusyError says who else owns it.
+    not finished is deleted, but not on a disk that cannot lock files: others may be at it.
+    BusyError says who else owns it.
     """
     target = Path(os.path.realpath(path))
     # Names that are as long as is allowed share a lock with others that begin like them.
     name = os.fsencode(target.name)[: LONGEST_NAME - len("..lock")].decode(errors="ignore")
     lock = target.with_name(f".{name}.lock")
-    descriptor = _take(lock, target)
+    descriptor, alone = _take(lock, target)
     try:
-        for left in (*target.parent.glob(_part_of(target, "*")), *target.glob(".*.part")):
+        parts = (*target.parent.glob(_part_of(target, "*")), *target.glob(".*.part"))
+        for left in parts if alone else ():
             shutil.rmtree(left, ignore_errors=True)  # by a process that was killed
         since = time.strftime("%Y-%m-%d %H:%M:%S")
         with suppress(OSError):  # on a full disk nobody can read who it is
@@ -277,8 +279,8 @@ def _refuse_existing(path: Path) -> None:
         raise FileExistsError(f"{path} {EXISTS}")
 
 
-def _take(lock: Path, target: Path) -> int:
-    """Open a lock file and own it; BusyError where somebody else does."""
+def _take(lock: Path, target: Path) -> tuple[int, bool]:
+    """Open a lock file and own it, and say whether alone; BusyError where somebody else does."""
     while True:
         try:
             descriptor = os.open(lock, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o644)
@@ -289,21 +291,21 @@ def _take(lock: Path, target: Path) -> int:
             remedy = "if nobody is, delete this lock file; or choose another name"
             raise OSError(error.errno, f"{who}; {remedy}", str(lock)) from error
         try:
-            if not _lock(descriptor):
+            if (alone := _lock(descriptor)) is False:
                 raise BusyError(f"{target} is being written by {_owner(descriptor)}")
             with suppress(FileNotFoundError):
                 if os.path.samestat(os.fstat(descriptor), lock.stat()):
-                    return descriptor
+                    return descriptor, alone is True
         except BaseException:
             os.close(descriptor)
             raise
         os.close(descriptor)  # its owner has deleted it in the meantime
 
 
-def _lock(descriptor: int) -> bool:
+def _lock(descriptor: int) -> bool | None:
     """Own an open file, for as long as it is open; False where another process does.
 
-    Where the disk cannot lock files, nobody is kept away.
+    None where the disk cannot lock files: nobody is kept away.
     """
     try:
         if os.name == "nt":
@@ -321,6 +323,7 @@ def _lock(descriptor: int) -> bool:
             return False
         if error.errno not in LOCKLESS:
             raise
+        return None
     return True
 
 
