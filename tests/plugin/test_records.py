@@ -1,8 +1,12 @@
 """Bodies keep their numbers."""
 
+import gc
+from weakref import ref
+
 import numpy as np
 import pytest
 
+from napari_splinesketch.plugin.columns import rows_of
 from napari_splinesketch.plugin.model import Record, identify
 
 from .fakes import as_drawn
@@ -38,3 +42,13 @@ def test_identify(name: str) -> None:
 
 def test_the_first_numbers() -> None:
     assert identify([A, B], [], []) == [1, 2]
+
+
+def test_a_row_of_the_table_keeps_no_other_curves() -> None:
+    first, second = record(1, A), record(1, B, frame=1)
+    rows_of([first, second])
+    gone = ref(second.curve)
+    del second
+    gc.collect()
+    assert gone() is None
+    assert len(rows_of([first])) == 1

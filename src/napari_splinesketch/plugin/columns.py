@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
+from weakref import ref
 
 import numpy as np
 import pandas as pd
@@ -136,8 +137,9 @@ alone = beside_of(())  # knows of no curve in another frame
 
 
 @once
-def _row(record: Record, ruler: Ruler, *beside: Curve | None) -> tuple[Any, ...]:
-    return tuple(column.value(record, ruler, lambda _: beside) for column in COLUMNS)
+def _row(record: Record, ruler: Ruler, *beside: ref[Curve] | None) -> tuple[Any, ...]:
+    curves = [one and one() for one in beside]
+    return tuple(column.value(record, ruler, lambda _: curves) for column in COLUMNS)
 
 
 def rows_of(
@@ -145,7 +147,8 @@ def rows_of(
 ) -> list[tuple[Any, ...]]:
     """What is said of each curve, maybe with those of its body at other times."""
     found = beside or beside_of(records)
-    return [_row(record, ruler, *found(record)) for record in records]
+    # What is remembered of a curve keeps no others.
+    return [_row(record, ruler, *[one and ref(one) for one in found(record)]) for record in records]
 
 
 def as_table(rows: Sequence[tuple[Any, ...]]) -> pd.DataFrame:
