@@ -86,6 +86,19 @@ def test_frames_appended_one_by_one_are_a_film(tmp_path: Path) -> None:
         assert np.array_equal(frames[3], FRAMES[3])
 
 
+@pytest.mark.parametrize("how", [{}, {"compression": "zlib"}])
+def test_frames_appended_some_at_a_time_are_a_film(tmp_path: Path, how: dict[str, str]) -> None:
+    with tifffile.TiffWriter(tmp_path / "a.tif") as writer:
+        for some in (FRAMES[:2], FRAMES[2:3], FRAMES[3:], FRAMES[:3]):
+            writer.write(some, photometric="minisblack", **how)
+        writer.write(np.zeros((2, *FRAMES.shape[1:]), np.float64), photometric="minisblack")
+    with open_frames(str(tmp_path / "a.tif")) as frames:
+        read = [frames[i] for i in range(frames.count)]
+    assert np.array_equal(read, np.concatenate([FRAMES, FRAMES[:3]])), "and no other kind of number"
+    with pytest.raises(ImageError, match="has no axis for --z"):
+        open_frames(str(tmp_path / "a.tif"), z=1).__enter__()
+
+
 @pytest.mark.parametrize("shaped", [True, False])
 @pytest.mark.parametrize("other", [(5, 5), (6, 9)])
 def test_pages_of_different_sizes_are_refused(

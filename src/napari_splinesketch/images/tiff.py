@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -53,28 +54,35 @@ def _frames(
     if not axes.endswith("YX" + colour):
         raise ImageError(f"{path}: axes are {axes}; expected rows and columns (YX) last")
     # Other kinds say of themselves which images they hold, such as a slide and its label.
-    if series.kind in ("generic", "shaped"):
+    plain, last = series.kind in ("generic", "shaped"), 2 + len(colour)
+    if plain:
         _require_one_size(path, file.series)
-    leading = len(axes) - 2 - len(colour)
-    alike = [one for one in file.series if one.shape == shape]
-    if not leading and len(alike) > 1:  # frames that were appended one by one
-        return len(alike), lambda i: alike[i].asarray()
-    count, place = choose_planes(path.name, axes[:leading], shape[:leading], channel, z)
-    if series.dataoffset is None and series.keyframe.shape != shape[leading:]:
-        stack = series.asarray()
-        return count, lambda i: stack[place(i)]
+    size = shape[-last:]
+    parts = [series]  # or frames that were appended, one by one or some at a time
+    if plain or shape == size:
+        alike = (one for one in file.series if one.shape[-last:] == size)
+        parts = [
+            p for p in alike if p.shape == shape == size or (plain and p.dtype == series.dtype)
+        ]
+    planes = [choose_planes(path.name, p.axes[:-last], p.shape[:-last], channel, z) for p in parts]
+    ends = np.cumsum([count for count, _ in planes])
+    stack = lru_cache(1)(lambda part: parts[part].asarray())
 
     def read(index: int) -> np.ndarray:
-        number = int(np.ravel_multi_index(place(index), shape[:leading])) if leading else 0
+        part = int(np.searchsorted(ends, index, side="right"))
+        series, place = parts[part], planes[part][1](index - int(ends[part]) + planes[part][0])
+        if series.dataoffset is None and series.keyframe.shape != size:
+            return stack(part)[place]
+        number = int(np.ravel_multi_index(place, series.shape[:-last])) if place else 0
         if series.dataoffset is None:
             return series.asarray(key=number)
         # Mapped again each time: what stays mapped counts as memory of the process. One frame
         # only: a file that was cut off has the first ones.
         kind = series.dtype.newbyteorder(file.byteorder)
-        start = series.dataoffset + number * kind.itemsize * math.prod(shape[leading:])
-        return np.array(np.memmap(path, kind, "r", start, shape[leading:]))
+        start = series.dataoffset + number * kind.itemsize * math.prod(size)
+        return np.array(np.memmap(path, kind, "r", start, size))
 
-    return count, read
+    return int(ends[-1]), read
 
 
 def _require_one_size(path: Path, every: Sequence[tifffile.TiffPageSeries]) -> None:
