@@ -86,11 +86,11 @@ def test_frames_appended_one_by_one_are_a_film(tmp_path: Path) -> None:
         assert np.array_equal(frames[3], FRAMES[3])
 
 
-@pytest.mark.parametrize("how", [{}, {"compression": "zlib"}])
-def test_frames_appended_some_at_a_time_are_a_film(tmp_path: Path, how: dict[str, str]) -> None:
+@pytest.mark.parametrize("compression", [None, "zlib"])
+def test_frames_appended_some_at_a_time_are_a_film(tmp_path: Path, compression: str | None) -> None:
     with tifffile.TiffWriter(tmp_path / "a.tif") as writer:
         for some in (FRAMES[:2], FRAMES[2:3], FRAMES[3:], FRAMES[:3]):
-            writer.write(some, photometric="minisblack", **how)
+            writer.write(some, photometric="minisblack", compression=compression)
         writer.write(np.zeros((2, *FRAMES.shape[1:]), np.float64), photometric="minisblack")
     with open_frames(str(tmp_path / "a.tif")) as frames:
         read = [frames[i] for i in range(frames.count)]

@@ -142,14 +142,13 @@ def test_deleting_the_curves_ends_what_makes_more_of_them(
 
 
 def test_deleting_the_curves_looks_through_them_once(
-    viewer: Any, dock: SplinesketchDock, fake: FakeEngine, running: Any
+    viewer: Any, dock: SplinesketchDock, fake: FakeEngine, running: Any, monkeypatch: Any
 ) -> None:
     finish(dock, fake)
     check_result(viewer)
     asked, plan = [], dock.controller.plan
-    dock.controller.plan = lambda state, *rest: (
-        asked.append(len(state.records)) or plan(state, *rest)
-    )
+    counted = lambda state, *rest: asked.append(len(state.records)) or plan(state, *rest)  # noqa: E731
+    monkeypatch.setattr(dock.controller, "plan", counted)
     viewer.layers.remove("film curves")
     told = len(asked)
     until(lambda: "gone with their layer" in dock.notice.text(), 20)
