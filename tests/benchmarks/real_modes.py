@@ -24,6 +24,7 @@ from frames import spoil
 from real_cases import FOLDERS, ROOT, Case, Line, freehand, in_folders, straightened
 from real_foreign import LOOKS, NAME, PROFILES, SET, TAPERS, pair, scene, single
 from real_judge import MOST, shares, verdict
+from scipy.ndimage import gaussian_filter
 from scipy.spatial import KDTree
 
 from napari_splinesketch import Curve, refine, suggest, synthetic
@@ -51,6 +52,8 @@ WIDE, THIN = (8.0, 13.0), (1.5, 2.8)
 """Ranges of the half-widths of bodies in one image, px."""
 LEAST_RIGHT = 1.4
 """A half-width that is wrong by more than this factor is wrong."""
+TOO_WIDE = 1.3
+"""The same for one of bodies side by side: beyond this it reaches into its neighbours."""
 ENDS_FRAMES = 8
 """Ends vary by as much as a pixel: there are so many bodies of each taper for each frame."""
 THICK, LONG = (3.0, 6.0, 12.0), 150.0
@@ -234,6 +237,47 @@ def widths(run: Refine, frames: int) -> Figures:
     return figures
 
 
+def packed(run: Refine, frames: int) -> Figures:
+    """One of five flat bodies side by side has a sketch, and is lost or has a wrong half-width."""
+    figures: Figures = {}
+    for kind, vertices in (("clicked", 4), ("straight", 2)):
+        found: list[tuple[bool, bool]] = []
+        for number in range(frames):
+            rng = np.random.default_rng(SEED + number)
+            image, truth, own = _pack(rng)
+            at = np.linspace(0, len(truth) - 1, vertices).astype(int)
+            sketch = truth[at] + rng.normal(0, 1, (vertices, 2)) * (vertices > 2)
+            (curve,) = run(image, [sketch])
+            off = KDTree(truth).query(curve.points)[0]
+            ratio = abs(np.log(curve.typical_half_width / own))
+            found.append(
+                (bool(np.median(off) > own / 2 or ratio > np.log(TOO_WIDE)), curve.status != "good")
+            )
+        figures |= {
+            f"{kind}: bodies": len(found),
+            f"{kind}: lost or of wrong half-width, %": _percent([bad for bad, _ in found]),
+            f"{kind}: those marked, %": _percent([mark for bad, mark in found if bad]),
+        }
+    return figures
+
+
+def _pack(rng: np.random.Generator) -> tuple[np.ndarray, Line, float]:
+    """Five bodies side by side, some with halos; the centreline of one, and their half-width."""
+    own, gap, bend = rng.uniform(2.5, 7), rng.uniform(0.8, 3), rng.uniform(-0.3, 0.3)
+    length, turn, places = rng.uniform(8, 14) * own, rng.uniform(0, np.pi), np.indices((180, 180))
+    onto = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
+    image, lines = np.zeros((180, 180)), []
+    for number in range(-2, 3):
+        along = np.linspace(-length / 2, length / 2, 100)
+        bowed = number * (2 * own + gap) + bend * along**2 / length
+        lines.append(np.column_stack([bowed, along + rng.uniform(-own, own)]) @ onto + 90)
+        off = KDTree(lines[-1]).query(places.reshape(2, -1).T)[0].reshape(image.shape)
+        image = np.maximum(image, rng.uniform(0.8, 1.2) * np.clip(own - off + 0.5, 0, 1))
+    image = gaussian_filter(image, 0.25 * own)
+    image -= rng.uniform(0, 0.6) * gaussian_filter(image, own)
+    return image + rng.normal(0, 0.05, image.shape), lines[rng.integers(5)], own
+
+
 def stretches(run: Refine, frames: int) -> Figures:
     """Time and memory of one long line in a large image; once each."""
     del frames
@@ -350,6 +394,7 @@ MODES = {
     "ends": ends,
     "sizes": sizes,
     "widths": widths,
+    "packed": packed,
     "profiles": profiles,
     "stretches": stretches,
     "contrast": contrast,

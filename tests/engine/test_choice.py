@@ -467,8 +467,7 @@ def test_a_faint_body_between_two_that_are_sketched_is_not_a_hollow_one(monkeypa
     assert away(curve.points[5:-5], line) < 1
     assert curve.typical_half_width == pytest.approx(HALF_WIDTH, rel=0.2)
     monkeypatch.setattr(hollow, "_along", lambda *_: False)
-    wide = refine(image, sketches, polarity="bright").curves[0]
-    assert wide.typical_half_width > 2 * HALF_WIDTH
+    assert found(image, sketches, polarity="bright")[0].half_width > 2 * HALF_WIDTH
 
 
 @pytest.mark.parametrize(("points", "half_width", "mesh"), [(2, 5, 12), (4, 5, 12), (2, 6, 9)])

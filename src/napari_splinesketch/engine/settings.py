@@ -69,7 +69,7 @@ class Settings:
     """
 
     traced: bool = True
-    knots: tuple[int, ...] = (8, 12, 16, 24, 48, 96)
+    knots: tuple[int, ...] = (4, 8, 12, 16, 24, 48, 96)
     hold: tuple[Hold, ...] | None = None
 
     def __post_init__(self) -> None:

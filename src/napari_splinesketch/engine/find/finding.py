@@ -125,7 +125,7 @@ def as_clicks(sketch: Line, evidence: Float[Array, "H W"], half_width: float) ->
     beyond = np.linalg.norm(path[[0, -1]] - sketch[[0, -1]], axis=1)
     careful = (
         np.sqrt((off**2).mean()) <= const.MOVED_HITS * hit
-        and beyond.min() <= const.STROKE_BEYOND * length
+        and beyond.min() <= max(const.STROKE_BEYOND * length, hit)
         and scoring.unseen(scoring.seen_at(evidence, places)) <= const.UNSEEN_MOST
     )
     count = min(const.VERTICES_MOST, most)

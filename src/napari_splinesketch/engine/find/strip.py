@@ -33,7 +33,7 @@ def paths_along(
     count = max(12, round(length / along) + 1)
     along = length / (count - 1)
     extra = int(np.ceil(const.STRIP_BEYOND * length / along)) + 3
-    points, normal = _frame(sketch, count, extra, along, 0.3 * reach)
+    points, normal = frame(sketch, count, extra, along, 0.3 * reach)
     half = int(np.ceil(reach / across))
     offsets = across * np.arange(-half, half + 1)
     at = points[:, None] + offsets[None, :, None] * normal[:, None]
@@ -57,10 +57,13 @@ def paths_along(
     return found
 
 
-def _frame(
+def frame(
     sketch: Line, count: int, extra: int, along: float, smooth: float
 ) -> tuple[Float[Array, "S 2"], Float[Array, "S 2"]]:
-    """Points every `along` px on the sketch and beyond its ends, and unit normals there."""
+    """`count` points every `along` px on a sketch, `extra` ones beyond its ends, and unit normals.
+
+    They are of the sketch smoothed over `smooth` px.
+    """
     points = spline.resample(sketch, count)
     soft = ndimage.gaussian_filter1d(points, max(1.0, smooth / along), axis=0, mode="nearest")
     tangent = spline.tangents(soft)

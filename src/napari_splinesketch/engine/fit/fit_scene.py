@@ -14,7 +14,7 @@ from scipy.sparse.csgraph import connected_components
 
 from napari_splinesketch.engine import constants as const
 from napari_splinesketch.engine import spline
-from napari_splinesketch.engine.find import finding
+from napari_splinesketch.engine.find import finding, neighbours
 from napari_splinesketch.engine.find.finding import Start
 from napari_splinesketch.engine.fit import bands, fitting, pairs
 from napari_splinesketch.engine.fit.fitting import Body
@@ -72,6 +72,7 @@ def fit_scene(
             seen, sketches, [line for line, *_ in given], settings,
             lambda share: report("tracing bodies", 0.02 + 0.3 * share),
         )  # fmt: skip
+        seen = neighbours.without_neighbours(seen, starts, [line for line, *_ in given])
     else:
         starts = finding.believed(seen, sketches)
     needs = [knots_needed(s.line, s.half_width, settings.knots) for s in starts]
@@ -175,9 +176,11 @@ def knots_needed(line: Line, half_width: float, allowed: tuple[int, ...]) -> int
     """The fewest knots whose spline follows a traced path within a trace's own accuracy."""
     loose = np.clip(const.KNOT_MISS_HW * half_width, *const.KNOT_MISS_PX)
     length = spline.arc_length(line)[-1]
+    fewest = const.KNOTS_FEW if length > const.KNOTS_SHORT_HW * half_width else 0
     allowed = tuple(
-        n for n in allowed if n <= const.KNOTS_MANY or length > const.KNOTS_APART_PX * n
-    )
+        n for n in allowed
+        if n > fewest and (n <= const.KNOTS_MANY or length > const.KNOTS_APART_PX * n)
+    ) or allowed[:1]  # fmt: skip
     return next((n for n in allowed if spline.knot_miss(line, n) < loose), allowed[-1])
 
 

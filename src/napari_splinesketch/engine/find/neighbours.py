@@ -1,0 +1,63 @@
+"""Bodies without a sketch beside those that have one: they are taken out of the image."""
+
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float
+from scipy import ndimage
+from scipy.spatial import KDTree
+from skimage.morphology import remove_small_objects
+
+from napari_splinesketch.engine import constants as const
+from napari_splinesketch.engine import spline
+from napari_splinesketch.engine.find import strip
+from napari_splinesketch.engine.find.finding import Start
+from napari_splinesketch.engine.look.scene import Scene
+from napari_splinesketch.engine.types import Array, Line
+
+
+def without_neighbours(seen: Scene, starts: list[Start], fixed: list[Line]) -> Scene:
+    """The scene without the bodies that no sketch means, beside those that one does.
+
+    What rises again beyond a valley at the side of a body is another one, if it is not nearer to
+    the path of another sketch or to a curve that is `fixed`. Left where it is, it would be fitted
+    as part of the body.
+    """
+    paths = [start.line for start in starts] + fixed
+    paths = [spline.resample(line, 2 + int(spline.arc_length(line)[-1])) for line in paths]
+    owner = np.repeat(np.arange(len(paths)), [len(path) for path in paths])
+    tree, lowered = KDTree(np.concatenate(paths)), seen.normal.copy()
+    for number, start in enumerate(starts):
+        if not start.found:
+            continue
+        points, level = _beside(seen, start)
+        mine = owner[tree.query(points)[1]] == number
+        at = tuple(np.rint(points[mine]).astype(int).T)
+        lowered[at] = np.minimum(lowered[at], level[mine])
+    least = int(max(4 * seen.half_width**2, 6))
+    others = remove_small_objects(lowered < seen.normal, max_size=least)
+    return replace(seen, normal=np.where(others, lowered, seen.normal))
+
+
+def _beside(seen: Scene, start: Start) -> tuple[Float[Array, "P 2"], Float[Array, " P"]]:
+    """Points beyond the valleys beside a body, and the image there without what rises from them.
+
+    It rises above the background, too.
+    """
+    half_width, step = start.half_width, const.VALLEY_STEP_PX
+    length = float(spline.arc_length(start.line)[-1])
+    count, extra = 2 + int(length / step), int(half_width / step)
+    line, normal = strip.frame(start.line, count, extra, length / (count - 1), half_width)
+    away = np.arange(0, const.VALLEY_TO_HW * half_width + const.MARGIN_PX, step)
+    inside = 1 + int(const.VALLEY_FROM_HW * half_width / step)
+    sides = np.array([[1.0], [-1.0]]) * away
+    at = line[:, None] + sides[:, None, :, None] * normal[:, None]
+    bright = ndimage.map_coordinates(seen.normal, np.moveaxis(at, 3, 0), order=1, mode="nearest")
+    bright = ndimage.gaussian_filter1d(bright, half_width / step, axis=1, mode="nearest")
+    own, beyond = bright[..., :inside].mean(2, keepdims=True), bright[..., inside:]
+    valley = np.minimum.accumulate(beyond, axis=2)
+    least, level = const.VALLEY * start.contrast, np.minimum(valley, 0.0)
+    rises = (own - valley > least) & (beyond - np.maximum(valley, 0.0) > least)
+    points = at[..., inside:, :][rises]
+    there = ((points > -0.5) & (points < np.array(seen.normal.shape) - 0.5)).all(1)
+    return points[there], level[rises][there]
