@@ -34,7 +34,7 @@ from stability_rows import FAR
 
 from napari_splinesketch import refine
 from napari_splinesketch.engine import constants
-from napari_splinesketch.engine.find import finding, hollow, paths, scoring, strip
+from napari_splinesketch.engine.find import finding, hollow, neighbours, paths, scoring, strip
 from napari_splinesketch.engine.fit import bands, fit_scene, pairs, solver
 from napari_splinesketch.engine.fit.tube import INDEX
 from napari_splinesketch.engine.judge import doubt, position
@@ -148,6 +148,10 @@ MECHANISMS: dict[str, Callable[[], None]] = {
     "clicked vertices count by their number": _set(constants, CLICKED_WEIGHT=(6.0, 6.0)),
     "clicks are measurements": _set(position, with_sketch=lambda knots, known, *_: (knots, known)),
     "clicked lines end with their bodies": _set(finding, _shown=lambda _, line, __: line),
+    "bodies without a sketch are taken out": _set(
+        neighbours, without_neighbours=lambda seen, *_: seen
+    ),
+    "few knots for short bodies": _set(constants, KNOTS_SHORT_HW=0.0),
     "a clicked sketch without a body stays": _set(constants, KEPT_SKETCH=np.inf),
     "blunt ends are followed to their tips": _set(constants, BLUNT=(2.0, 3.0)),
     "knots that crowd are spaced evenly": _set(constants, CROWDED=0.0),

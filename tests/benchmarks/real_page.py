@@ -160,6 +160,12 @@ def targets_table(rows: Sequence[Row]) -> str:
         f"`suggest`, reference bodies found; slowest image | 15 % | ≥ 60 %, 3 s | "
         f"{mode('suggest', 'found, %')}; {mode('suggest', 'slowest image, s', ' s')}",
         f"crowd, one or two of three sketched: lost | 39 % | ≤ 6 % | {mode('crowd', 'lost, %')}",
+        "one of five flat bodies side by side sketched, clicked / straight: wrong place or "
+        "half-width | 18 / 23 % | – | "
+        + " / ".join(
+            mode("packed", f"{kind}: lost or of wrong half-width, %")
+            for kind in ("clicked", "straight")
+        ),
         "order, orientation: curves that move over 0.1 px; largest move unmarked | 60 % | "
         f"≤ 2 %, 0.5 px | {mode('order', 'moved over 0.1 px, %')}; "
         f"{mode('order', 'largest unmarked, px', ' px')}",

@@ -139,7 +139,7 @@ NARROW_PX = 1.0  # ... plus this; where nothing is clearly better than the sketc
 # by no more than this share of what is a hit (rms):
 MOVED_HITS = 0.67
 # a stroke that misses a path along it by no more than that counts as clicks, unless a body goes on
-# beyond both its ends by this share of its length:
+# beyond both its ends by this share of its length, and by more than a click is off:
 STROKE_BEYOND = 0.04
 PATH_SMOOTH_HW = 1.25  # candidate paths are smoothed by this: skeletons zigzag at crossings ...
 PATH_SMOOTH_CUT = 4.0  # ... with a Gaussian cut at this many standard deviations (speed)
