@@ -1,5 +1,7 @@
 """Bodies side by side of which not all have a sketch, and short stiff ones."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import ndimage
@@ -68,10 +70,16 @@ def test_bodies_with_sketches_and_fixed_curves_stay_in_the_image():
 
 
 def test_the_rims_of_a_hollow_body_are_its_own():
+    """Also where the fit is to begin with a half-width that does not reach them."""
     (line,) = side_by_side(6.0, 0.0, seed=1, count=1)
     image = drawn([line], 6.0) - 0.8 * drawn([line], 3.5)
-    before, after = without(image, [line[CLICKS]], [])
-    assert np.array_equal(before, after)
+    ((_, seen),) = scene.read_scenes(image, [line[CLICKS]], "bright", None)
+    seen, (start,) = finding.find(seen, [line[CLICKS]], [], Settings(), lambda _: None)
+    for half_width in (2.5, 6.0):
+        begun = replace(start, line=line, half_width=half_width)
+        assert (
+            neighbours.without_neighbours(seen, [begun], []).normal.tolist() == seen.normal.tolist()
+        )
 
 
 def test_a_short_body_gets_few_knots_unless_it_bends():
@@ -93,3 +101,15 @@ def test_a_straight_rod_gets_a_straight_curve(seed: int):
     steps = np.diff(curve.points, axis=0)
     turns = np.diff(np.unwrap(np.arctan2(*steps.T)))
     assert np.rad2deg(np.abs(turns).sum()) < 25
+
+
+def test_a_careful_stroke_over_one_rod_of_a_chain_counts_as_clicks():
+    """If it ends within the error of a click, and not where it reaches for the next one."""
+    ahead = np.array([0.0, 1.0])
+    rods = [CENTRE + np.linspace(-12 + k, 12 + k, 81)[:, None] * ahead for k in (-34, 0, 34)]
+    image = drawn(rods, 3.0)
+    for beyond, careful in ((-1.0, True), (4.0, False)):
+        stroke = CENTRE + np.linspace(-14 - beyond, 14 + beyond, 20)[:, None] * ahead
+        ((_, seen),) = scene.read_scenes(image, [stroke], "bright", None)
+        clicks = finding.as_clicks(stroke, seen.evidence(seen.rungs[0]), 3.0)
+        assert (len(clicks) < len(stroke)) == careful
