@@ -36,6 +36,15 @@ def test_pictures_are_in_the_unit_and_clear_where_there_is_no_curve() -> None:
     assert pictures({3: body[3]}, Ruler()) == ()
 
 
+def test_pictures_are_worked_out_again_only_where_curves_are_others() -> None:
+    body = {t: as_drawn(LINE + t) for t in range(3)}
+    made = pictures(body, Ruler())
+    assert all(a is b for a, b in zip(made, pictures(dict(body), Ruler()), strict=True))
+    body[1] = as_drawn(LINE)
+    assert not np.array_equal(made[1].values, pictures(body, Ruler())[1].values)
+    assert pictures(body, Ruler((0.5, 0.5), "µm"))[1].unit == "µm"
+
+
 def test_the_panel_shows_the_selected_body_over_the_frames(
     viewer: Any, dock: SplinesketchDock, fake: FakeEngine
 ) -> None:

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any, cast
 
 import numpy as np
@@ -63,14 +64,18 @@ def profiles(work: results.Work, record: Record, ruler: space.Ruler) -> tuple[Pl
 
 def pictures(body: Mapping[int, Curve], ruler: space.Ruler) -> tuple[Plot, ...]:
     """Curvature, speed, and velocity along and across a body; nothing of one in a single frame."""
-    if len(body) < 2:
-        return ()
+    return _pictures(tuple(body.items()), ruler) if len(body) > 1 else ()
+
+
+@lru_cache(1)
+def _pictures(body: tuple[tuple[int, Curve], ...], ruler: space.Ruler) -> tuple[Plot, ...]:
+    """Work them out; not again where the user only judges curves, or goes along the body."""
     scale, unit = np.array([*ruler.scale, 1.0]), ruler.unit
     scaled = {
         frame: replace(curve, knots=curve.knots * scale, points=curve.points * ruler.scale)
-        for frame, curve in body.items()
+        for frame, curve in body
     }
-    made, along = kymograph(scaled), [ruler.along(curve.points) for curve in body.values()]
+    made, along = kymograph(scaled), [ruler.along(curve.points) for _, curve in body]
     frames = int(made.frames[0]), int(made.frames[-1])
     named = (
         (f"Curvature (1/{unit})", made.curvature, True),
