@@ -168,10 +168,20 @@ def test_what_cannot_be_done_says_why(viewer: Any, dock: SplinesketchDock) -> No
     assert not dock.hint.isVisible()
     viewer.dims.ndisplay = 3
     assert not dock.refine.isEnabled()
+    assert not dock.draw.isEnabled()
     assert "2-D" in dock.hint.text()
     viewer.dims.ndisplay = 2
+    assert dock.draw.isEnabled()
     viewer.layers.remove(layer)
     assert "Open an image" in dock.hint.text()
+
+
+def test_lines_are_drawn_in_the_plane_of_the_frames(viewer: Any, dock: SplinesketchDock) -> None:
+    viewer.add_image(np.zeros((4, 20, 30)), name="film")
+    assert dock.draw.isEnabled()
+    viewer.dims.roll()
+    assert not dock.draw.isEnabled()
+    assert "rolled" in dock.draw.toolTip()
 
 
 def test_running_then_cancelled(viewer: Any, dock: SplinesketchDock, fake: FakeEngine) -> None:
