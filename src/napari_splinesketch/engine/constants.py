@@ -208,10 +208,12 @@ ON_BODY_HW = 1.0  # pieces nearer than this to a curve lie on its body (geometry
 CONTRASTS = (0.2, 4.0)  # least and largest contrast of a body against the others'
 
 # === Find: bodies without a sketch beside those that have one
-# share of a body's contrast by which a valley at its side is lower than it and than what is beyond:
+# share of a body's contrast by which a valley at its side is lower than it and than what is beyond,
+# plus what noise does to pixels that are averaged over a half-width:
 VALLEY = 0.3
 VALLEY_FROM_HW = 0.5  # least distance of a valley from the body's path
 VALLEY_TO_HW = 2.5  # how far from the path bodies beside it are taken out, plus MARGIN_PX
+VALLEY_NEAREST_PX = 1.0  # a path is the nearest if no other is nearer by more (geometry)
 VALLEY_STEP_PX = 0.7  # distance of the points at which that is done (geometry: less than a pixel)
 
 # === Suggest
@@ -301,7 +303,7 @@ KNOT_MISS_PX = (0.2, 1.0)  # but by no less and no more than these
 # a curve whose knots would miss its path by more than this (rms) cuts corners:
 CORNERS_HW = 0.75
 KNOTS_FEW = 4  # so few knots only for bodies that are short: with more of them they fold,
-KNOTS_SHORT_HW = 16.0  # namely shorter than this
+KNOTS_SHORT_HW = 12.0  # namely shorter than this
 KNOTS_MANY = 24  # more knots than this only where they are far apart,
 KNOTS_APART_PX = 15.0  # namely by this: closer ones follow noise
 # fixed curves are drawn with at least this half-width (geometry: one pixel):

@@ -20,29 +20,29 @@ def without_neighbours(seen: Scene, starts: list[Start], fixed: list[Line]) -> S
     """The scene without the bodies that no sketch means, beside those that one does.
 
     What rises again beyond a valley at the side of a body is another one, if it is not nearer to
-    the path of another sketch or to a curve that is `fixed`. Left where it is, it would be fitted
-    as part of the body.
+    another path, to a curve that is `fixed` or to another stretch of the same path. Left where it
+    is, it would be fitted as part of the body.
     """
-    paths = [start.line for start in starts] + fixed
-    paths = [spline.resample(line, 2 + int(spline.arc_length(line)[-1])) for line in paths]
-    owner = np.repeat(np.arange(len(paths)), [len(path) for path in paths])
+    lines = [start.line for start in starts] + fixed
+    paths = [spline.resample(line, 2 + int(spline.arc_length(line)[-1])) for line in lines]
     tree, lowered = KDTree(np.concatenate(paths)), seen.normal.copy()
-    for number, start in enumerate(starts):
-        if not start.found:
-            continue
-        points, level = _beside(seen, start)
-        mine = owner[tree.query(points)[1]] == number
-        at = tuple(np.rint(points[mine]).astype(int).T)
-        lowered[at] = np.minimum(lowered[at], level[mine])
+    for start in starts:
+        if start.found:
+            points, away, level = _beside(seen, start)
+            mine = tree.query(points)[0] > away - const.VALLEY_NEAREST_PX
+            at = tuple(np.rint(points[mine]).astype(int).T)
+            lowered[at] = np.minimum(lowered[at], level[mine])
     least = int(max(4 * seen.half_width**2, 6))
     others = remove_small_objects(lowered < seen.normal, max_size=least)
     return replace(seen, normal=np.where(others, lowered, seen.normal))
 
 
-def _beside(seen: Scene, start: Start) -> tuple[Float[Array, "P 2"], Float[Array, " P"]]:
-    """Points beyond the valleys beside a body, and the image there without what rises from them.
+def _beside(
+    seen: Scene, start: Start
+) -> tuple[Float[Array, "P 2"], Float[Array, " P"], Float[Array, " P"]]:
+    """Points beyond the valleys beside a body that rise from them and above the background.
 
-    It rises above the background, too.
+    Also how far they are from the body's path, px, and the image there without what rises.
     """
     half_width, step = start.half_width, const.VALLEY_STEP_PX
     length = float(spline.arc_length(start.line)[-1])
@@ -56,8 +56,9 @@ def _beside(seen: Scene, start: Start) -> tuple[Float[Array, "P 2"], Float[Array
     bright = ndimage.gaussian_filter1d(bright, half_width / step, axis=1, mode="nearest")
     own, beyond = bright[..., :inside].mean(2, keepdims=True), bright[..., inside:]
     valley = np.minimum.accumulate(beyond, axis=2)
-    least, level = const.VALLEY * start.contrast, np.minimum(valley, 0.0)
+    least = const.VALLEY * start.contrast + seen.noise / np.sqrt(half_width)
+    level = np.minimum(valley, 0.0)
     rises = (own - valley > least) & (beyond - np.maximum(valley, 0.0) > least)
-    points = at[..., inside:, :][rises]
-    there = ((points > -0.5) & (points < np.array(seen.normal.shape) - 0.5)).all(1)
-    return points[there], level[rises][there]
+    points, away = at[..., inside:, :], np.broadcast_to(away[inside:], rises.shape)
+    rises &= ((points > -0.5) & (points < np.array(seen.normal.shape) - 0.5)).all(3)
+    return points[rises], away[rises], level[rises]
