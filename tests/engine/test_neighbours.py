@@ -69,6 +69,19 @@ def test_bodies_with_sketches_and_fixed_curves_stay_in_the_image():
     assert not mine.any()
 
 
+def test_the_other_leg_of_a_hairpin_is_its_own():
+    angle = np.linspace(0, np.pi, 40)[:, None]
+    leg = np.linspace(40, 0, 40)[:, None]
+    bend = 7.0 * np.hstack([np.cos(angle), np.sin(angle)])
+    line = (
+        CENTRE
+        - [0, 20]
+        + np.concatenate([[7, 0] + leg * [0, -1], bend, [-7, 0] - leg[::-1] * [0, 1]])
+    )
+    before, after = without(drawn([line], 4.0), [line[::12]], [])
+    assert np.array_equal(before, after)
+
+
 def test_the_rims_of_a_hollow_body_are_its_own():
     """Also where the fit is to begin with a half-width that does not reach them."""
     (line,) = side_by_side(6.0, 0.0, seed=1, count=1)
