@@ -180,8 +180,7 @@ def _place(controller: Controller) -> np.ndarray:
 COMMANDS = (
     Command("draw", "Draw lines", "H", lambda c: c.draw(or_select=not c.actions.by_button),
             "Draw lines: press where a body begins, release where it ends",
-            problem=lambda c: space.plane_problem(c.viewer, c.image) if c.image else
-            "Open an image first", meanwhile=True),
+            problem=lambda c: space.plane_problem(c.viewer, c.image), meanwhile=True),
     Command("refine", "Refine", "G", lambda c: c.refine(),
             "Fit a smooth curve with width to the body under each line",
             problem=lambda c: "" if c.knots else c.request().problem,

@@ -303,7 +303,7 @@ def records_of(labels: Labels, frames: int) -> tuple[tuple[Record, ...], list[st
     made = []
     for label in here:
         even, status = label.resampled(POINTS), cast(Status, label.status)
-        # Not the fewest that an engine may give: a straight curve may be bent by hand.
+        # Not the fewest that the engine may give: a straight curve may be bent by hand.
         few = (editing.knots_through(even.points, n) for n in Settings.knots[1:])
         line = next((found for found, miss in few if miss < KNOT_MISS), even.points)
         knots = with_width(line, even.half_width)
