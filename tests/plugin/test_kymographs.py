@@ -24,7 +24,7 @@ def drawn(panel: ReviewPanel) -> list[Plot]:
 
 def test_pictures_are_in_the_unit_and_clear_where_there_is_no_curve() -> None:
     body = {t: as_drawn(LINE + np.array([0, 2.0 * t])) for t in (3, 4, 6)}
-    curvature, speed, along, across = pictures(body, Ruler((0.5, 0.5), "µm"))
+    curvature, speed, along, across = pictures(tuple(body.items()), Ruler((0.5, 0.5), "µm"))
     assert curvature.title == "Curvature (1/µm)"
     assert speed.frames == (3, 6)
     assert speed.distance[-1] == pytest.approx(20)
@@ -33,16 +33,16 @@ def test_pictures_are_in_the_unit_and_clear_where_there_is_no_curve() -> None:
     np.testing.assert_array_equal(np.isnan(speed.values).all(1), [False, False, True, True])
     assert along.span == pytest.approx((-1.0, 1.0)), "zero is in the middle of the colours"
     assert speed.span[0] == 0
-    assert pictures({3: body[3]}, Ruler()) == ()
+    assert pictures(((3, body[3]),), Ruler()) == ()
 
 
 def test_pictures_are_worked_out_again_only_where_curves_are_others() -> None:
     body = {t: as_drawn(LINE + t) for t in range(3)}
-    made = pictures(body, Ruler())
-    assert all(a is b for a, b in zip(made, pictures(dict(body), Ruler()), strict=True))
+    made = pictures(tuple(body.items()), Ruler())
+    assert all(a is b for a, b in zip(made, pictures(tuple(body.items()), Ruler()), strict=True))
     body[1] = as_drawn(LINE)
-    assert not np.array_equal(made[1].values, pictures(body, Ruler())[1].values)
-    assert pictures(body, Ruler((0.5, 0.5), "µm"))[1].unit == "µm"
+    assert not np.array_equal(made[1].values, pictures(tuple(body.items()), Ruler())[1].values)
+    assert pictures(tuple(body.items()), Ruler((0.5, 0.5), "µm"))[1].unit == "µm"
 
 
 def test_the_panel_shows_the_selected_body_over_the_frames(

@@ -93,7 +93,7 @@ def test_plots_over_the_frames_stay_in_their_panel(qapp: Any) -> None:
     plots.show()
     plots.resize(420, 200)
     body = {t: as_drawn(np.array([[20.0, 20 + 2 * t], [20, 60]])) for t in range(4)}
-    made = pictures(body, Ruler((0.5, 0.5), "µm"))
+    made = pictures(tuple(body.items()), Ruler((0.5, 0.5), "µm"))
     for pair in (made[:2], made[2:]):
         plots.show_plots(*pair, frame=1)
         QTest.qWait(2 * AFTER_MS)

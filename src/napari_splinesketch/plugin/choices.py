@@ -1,6 +1,7 @@
 """What the user chose: how to refine, what to show, where to save; and who listens to what."""
 
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import chain
 from typing import Any
@@ -46,13 +47,11 @@ class Settings(Asked):
         """Give the half-width in px of an image; None to measure it."""
         if not self.half_width or self.half_width_unit == "px":
             return self.half_width or None
-        try:
-            given = pint.get_application_registry().Quantity(self.half_width, self.half_width_unit)
-        except Exception:  # whatever pint makes of what was typed in napari's preferences
-            return None
-        if ruler.unit == "px" or not given.is_compatible_with(ruler.unit):
-            return None  # it says nothing about pixels of this image
-        return float(given.to(ruler.unit).magnitude) / ruler.pixel
+        convert = pint.get_application_registry().convert
+        if ruler.unit != "px":  # of the image: pint takes that for a length, 1/96 of an inch
+            with suppress(Exception):  # whatever was typed in napari's preferences for a unit
+                return convert(self.half_width, self.half_width_unit, ruler.unit) / ruler.pixel
+        return None
 
 
 POLARITIES = {"auto": "auto", "brighter than the rest": "bright", "darker than the rest": "dark"}

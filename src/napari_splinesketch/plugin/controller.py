@@ -92,13 +92,12 @@ class Controller(Keeper):
             self.knots.refine()
             return
         self.forget()
-        wanted = self.request(scope)
-        image, layer = self.image, self.sketches
-        if wanted.problem or self.progress or image is None or layer is None:
+        wanted, work = self.request(scope), self.work
+        if wanted.problem or self.progress or work is None:
             if scope != "new":
                 self.say(wanted.problem or RUNNING)
             return
-        work = self.work_on(image, layer)
+        image = work.image
         if image.rgb and image not in self._told:
             self._told.add(image)
             show_info(f"{image.name} is in colour: its luminance is used.")

@@ -199,14 +199,13 @@ def labels_of_layer(shapes: Sequence[Float[np.ndarray, "N D"]], meta: Mapping[st
     kept = meta.get("metadata", {})
     owner = pictures.OWNERS.get(kept.get(pictures.OWNER, ""))
     origin = labels_of(owner) if owner else kept.get(LABELS, Labels())
-    curves = [spline.fine(record.curve) for record in owner.records] if owner else origin.labels
-    drawn = thinned([each.points for each in curves])
-    # By the curve's own points or those that are drawn, in the single precision of Shapes layers:
-    # the user may have given it another number.
+    drawn = [label.points for label in origin.labels]
+    if owner:
+        drawn = thinned([spline.fine(record.curve).points for record in owner.records])
+    # By their points, in the single precision of Shapes layers: numbers may have been changed.
     known = {
         (label.frame, line.astype("f4").tobytes()): label
-        for label, line_drawn in zip(origin.labels, drawn, strict=True)
-        for line in (label.points, line_drawn)
+        for label, line in zip(origin.labels, drawn, strict=True)
     }
     told = pd.Series(meta.get("features", {}).get("id", range(1, len(shapes) + 1)))
     ids = cast("pd.Series", pd.to_numeric(told, errors="coerce"))

@@ -64,8 +64,7 @@ class Keeper:
         self.notice = Notice()
         self._chosen: dict[type[Layer], Layer | None] = {Image: None, Shapes: None}
         self._ends: dict[type[Layer], Callable[[], None]] = {}
-        active = viewer.layers.selection.active
-        for layer in (*viewer.layers, *([active] if active else [])):
+        for layer in filter(None, (*viewer.layers, viewer.layers.selection.active)):
             self._take_up(layer)
         self.settings = choices.load()
         self.progress: Progress | None = None  # of what runs
@@ -189,12 +188,11 @@ class Keeper:
     @property
     def unseen(self) -> str:
         """Say which frame to go to, where no selected curve is in the one in view."""
-        chosen, image = self.selected_records(), self.image
-        if not (chosen and image) or self.viewer.dims.ndisplay > 2:
+        chosen = self.selected_records()
+        seen = self.viewer.dims.ndisplay > 2 or any(r.frame == self.frame for r in chosen)
+        if seen or not chosen:
             return ""
-        if any(record.frame == self.frame for record in chosen):
-            return ""
-        frame = times_of(image).place(chosen[0].frame)
+        frame = times_of(self.image).place(chosen[0].frame)
         return f"Curve {chosen[0].id} is in frame {frame}: go there first."
 
     def say(self, text: str) -> None:

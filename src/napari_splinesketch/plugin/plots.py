@@ -1,6 +1,5 @@
 """Plots beside the table: of the selected curve along it, and of its body over the frames."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, cast
@@ -62,14 +61,11 @@ def profiles(work: results.Work, record: Record, ruler: space.Ruler) -> tuple[Pl
     return plot, NO_MODEL if rest is None else Plot(RESIDUAL, unit, along, rest)
 
 
-def pictures(body: Mapping[int, Curve], ruler: space.Ruler) -> tuple[Plot, ...]:
+@lru_cache(1)  # not again where the user only judges curves, or goes along the body
+def pictures(body: tuple[tuple[int, Curve], ...], ruler: space.Ruler) -> tuple[Plot, ...]:
     """Curvature, speed, and velocity along and across a body; nothing of one in a single frame."""
-    return _pictures(tuple(body.items()), ruler) if len(body) > 1 else ()
-
-
-@lru_cache(1)
-def _pictures(body: tuple[tuple[int, Curve], ...], ruler: space.Ruler) -> tuple[Plot, ...]:
-    """Work them out; not again where the user only judges curves, or goes along the body."""
+    if len(body) < 2:
+        return ()
     scale, unit = np.array([*ruler.scale, 1.0]), ruler.unit
     scaled = {
         frame: replace(curve, knots=curve.knots * scale, points=curve.points * ruler.scale)

@@ -17,7 +17,6 @@ from napari_splinesketch import palette
 from napari_splinesketch.files import atomic, reason_of
 from napari_splinesketch.plugin import choices, columns, files
 from napari_splinesketch.plugin import widgets as ui
-from napari_splinesketch.plugin.columns import FILM, STATUS, Beside, alone, as_text, beside_of
 from napari_splinesketch.plugin.commands import go_to, worst_first
 from napari_splinesketch.plugin.controller import Controller
 from napari_splinesketch.plugin.layers import results
@@ -50,9 +49,9 @@ class CurvesModel(QtCore.QAbstractTableModel):
         super().__init__(parent)
         self.ruler = Ruler()
         self.records: list[Record] = []
-        self.beside: Beside = alone
-        self._asked: tuple[Sequence[Record], str, int, Times] = (), "all", 0, FILM
-        self._by = STATUS, Qt.SortOrder.DescendingOrder
+        self.beside: columns.Beside = columns.alone
+        self._asked: tuple[Sequence[Record], str, int, Times] = (), "all", 0, columns.FILM
+        self._by = columns.STATUS, Qt.SortOrder.DescendingOrder
 
     def row_of(self, key: Key | None) -> int | None:
         """Row in which a curve is shown, or None."""
@@ -64,13 +63,13 @@ class CurvesModel(QtCore.QAbstractTableModel):
         ruler: Ruler,
         shown: str = "all",
         t: int = 0,
-        times: Times = FILM,
+        times: Times = columns.FILM,
     ) -> None:
         """Show records, all or some, in the order that was chosen; frame `t` is in view."""
         asked = records, shown, t if shown == "this frame" else 0, times
         if (ruler, asked) != (self.ruler, self._asked):
             self.ruler, self._asked = ruler, asked
-            self.beside = beside_of(records, times)
+            self.beside = columns.beside_of(records, times)
             self.headerDataChanged.emit(Qt.Orientation.Horizontal, 0, self.columnCount() - 1)
             self._arrange()
 
@@ -147,7 +146,7 @@ class CurvesTable(qt.QTableView):
         rows.setDefaultSectionSize(self.fontMetrics().height() + 6)
         header.setStretchLastSection(True)
         header.setHighlightSections(False)
-        self.sortByColumn(STATUS, Qt.SortOrder.DescendingOrder)
+        self.sortByColumn(columns.STATUS, Qt.SortOrder.DescendingOrder)
         for i, column in enumerate(columns.SHOWN):
             width = self.fontMetrics().horizontalAdvance(column.width) + PADDING
             self.setColumnWidth(i, max(width, header.sectionSizeHint(i)))
@@ -262,7 +261,7 @@ class ReviewPanel(qt.QWidget):
             frame, number = key_of(chosen[0])
             times = times_of(work.image).of(frame)
             body = [r for r in controller.records() if r.id == number and r.frame in times]
-            made = pictures({times.index(r.frame): r.curve for r in body}, ruler)
+            made = pictures(tuple([(times.index(r.frame), r.curve) for r in body]), ruler)
             told = made[2 * at - 2 : 2 * at] or (ONE_FRAME.format(number),)
             self.plots.show_plots(*told, frame=times.index(frame))
 
@@ -273,7 +272,7 @@ class ReviewPanel(qt.QWidget):
 
     def _as_text(self, mark: str) -> str:
         model = self.model
-        return as_text(model.records, model.ruler, model.beside, separator=mark)
+        return columns.as_text(model.records, model.ruler, model.beside, separator=mark)
 
     def _ask_where(self) -> None:
         c, kinds = self.controller, {"CSV (*.csv)": ".csv"}

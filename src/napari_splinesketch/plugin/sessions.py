@@ -131,10 +131,6 @@ class _Record(_File):
     from_file: bool = False
 
 
-def _flat(record: Record) -> _Record:
-    return _Record.model_construct(None, **vars(record.curve) | vars(record))
-
-
 def _record(flat: _Record, info: Any) -> Record:
     values: dict[str, Any] = dict(flat) | {"residual": float(flat.residual[0])}
     curve = Curve(**{each.name: values.pop(each.name) for each in fields(Curve)})
@@ -143,7 +139,8 @@ def _record(flat: _Record, info: Any) -> Record:
     return Record(frame=info.context, curve=curve, **values)
 
 
-_Curve = Annotated[_Record, pydantic.AfterValidator(_record), PlainSerializer(_flat)]
+_flat = PlainSerializer(lambda r: _Record.model_construct(None, **vars(r.curve) | vars(r)))
+_Curve = Annotated[_Record, pydantic.AfterValidator(_record), _flat]
 
 
 class Page(_File):
@@ -333,24 +330,20 @@ def _read_patch(path: Path, size: tuple[int, int]) -> Patch:
     return Patch(Grid(place[0], place[1]), pixels, background)
 
 
-def head_of(path: Path) -> Head:
-    """Read a head, or count what the pages hold where it is damaged or gone, but not if newer."""
+def summary(path: Path) -> Head | None:
+    """Say what a folder holds; None where there is nothing, LabelsError where it cannot be read.
+
+    Where the head is damaged or gone, but not newer, it is what the pages hold.
+    """
     try:
-        return Head.read(path / HEAD)
-    except (FileNotFoundError, LabelsError) as error:
+        head = Head.read(path / HEAD)
+    except (FileNotFoundError, NotADirectoryError, LabelsError) as error:
         head = Head.of(read(path, sys.maxsize, (0, 0))[0], ())
-        if NEWER in str(error) or not (head.sketches or head.curves):
+        damaged = isinstance(error, LabelsError)
+        if damaged and (NEWER in str(error) or not (head.sketches or head.curves)):
             raise
         saved = datetime.fromtimestamp(path.stat().st_mtime, UTC)
-        return head.model_copy(update={"saved": saved})
-
-
-def summary(path: Path) -> Head | None:
-    """Say what a folder holds; None where there is nothing, LabelsError where it cannot be read."""
-    try:
-        head = head_of(path)
-    except (FileNotFoundError, NotADirectoryError):
-        return None
+        head = head.model_copy(update={"saved": saved})
     return head if head.sketches or head.curves else None
 
 
@@ -399,12 +392,12 @@ def reopen(
     except OSError:
         folder = Folder()
     try:
-        head, (session, unread) = head_of(path), read(path, frames, size)
+        head, (session, unread) = summary(path), read(path, frames, size)
     except (OSError, LabelsError) as error:
         folder.release()
         problems.append(f"{error}.")
         return None
-    folder.head, folder.after = head, head.after
+    folder.head, folder.after = head, head.after if head else ()
     problems.extend(unread)
     if unread or folder.path is None:
         return folder.moved(), session

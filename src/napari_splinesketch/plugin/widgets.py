@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import Any
+from typing import Any, cast
 
 from magicgui.widgets import CheckBox, create_widget
 from napari._app_model import get_app_model
@@ -91,23 +91,11 @@ def leave_keys(parent: qt.QWidget) -> None:
     A letter then chose the entry that begins with it. The wheel is left to what scrolls: it would
     choose something else wherever it passes.
     """
-    wheel = LeaveWheel(parent)
     for kind in (qt.QComboBox, qt.QAbstractSpinBox, qt.QSlider):
         for box in parent.findChildren(kind):
-            box.installEventFilter(wheel)
+            cast(Any, box).wheelEvent = QEvent.ignore
     for box in parent.findChildren(qt.QComboBox):
         box.setFocusPolicy(Qt.FocusPolicy.TabFocus)
-
-
-class LeaveWheel(QObject):
-    """Lets the wheel pass to what is around a widget."""
-
-    def eventFilter(self, a0: QObject | None, a1: QEvent | None) -> bool:
-        """Take the wheel away from the widget, and ignore it."""
-        if a1 is None or a1.type() != QEvent.Type.Wheel:
-            return False
-        a1.ignore()
-        return True
 
 
 def _tight(layout: Any, margin: int = 0) -> Any:

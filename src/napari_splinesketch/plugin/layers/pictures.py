@@ -100,7 +100,7 @@ class Slot:
     def make(self, *data: Any, **how: Any) -> Any:
         """Make the layer: from data, or an empty one of some axes, to be filled by `update`."""
         image, layers, kind = self.work.image, self.work.viewer.layers, self.maker.kind
-        layer = kind(*data, **space.placement_on(image, self._grid) | self._named | how)
+        layer = kind(*data, **space.placement(image, grid=self._grid) | self._named | how)
         # Pictures over the image, all else over everything.
         at = layers.index(image) + 1 if kind in (Image, Labels) else len(layers)
         # napari selects what is added: undone silently, as to tell of it twice takes as long again.

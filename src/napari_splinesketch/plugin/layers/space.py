@@ -79,22 +79,16 @@ def from_world(viewer: ViewerModel, layer: Layer, world: Points) -> Points:
     return np.linalg.solve(linear, (world - offset).T).T
 
 
-def unit_factors(viewer: ViewerModel, layer: Layer) -> Float[np.ndarray, " D"]:
-    """Give what turns a layer's own world coordinates into the window's."""
-    units = viewer.layers.extent.units
-    if units is None or len(units) < layer.ndim:
-        return np.ones(layer.ndim)
-    pairs = zip(layer.units, units[-layer.ndim :], strict=True)
-    convert = pint.get_application_registry().convert
-    return np.array([convert(1.0, own, world) for own, world in pairs])
-
-
 def _affine(
     viewer: ViewerModel, layer: Layer
 ) -> tuple[Float[np.ndarray, "D D"], Float[np.ndarray, " D"]]:
     """Matrix and offset from a layer's data to the world, by its corner and the unit vectors."""
-    own = [layer.data_to_world(point) for point in np.eye(layer.ndim + 1, layer.ndim, -1)]
-    offset, *ends = np.array(own) * unit_factors(viewer, layer)
+    own, window = layer.units, viewer.layers.extent.units
+    units = window[-layer.ndim :] if window and len(window) >= layer.ndim else own
+    convert = pint.get_application_registry().convert
+    factors = [convert(1.0, *pair) for pair in zip(own, units, strict=True)]
+    corners = [layer.data_to_world(point) for point in np.eye(layer.ndim + 1, layer.ndim, -1)]
+    offset, *ends = np.array(corners) * factors
     return np.column_stack(ends) - offset[:, None], offset
 
 
@@ -233,8 +227,11 @@ def in_stack(image: Image, frame: int | Sequence[int], points: Line) -> Points:
     return np.hstack([np.broadcast_to(index, (len(points), len(shape))), points])
 
 
-def placement(image: Image, ndim: int | None = None) -> dict[str, Any]:
-    """Give the keywords that make a new layer, of as many axes or `ndim`, lie on the image."""
+def placement(image: Image, ndim: int | None = None, grid: Grid | None = None) -> dict[str, Any]:
+    """Give the keywords that make a new layer, of as many axes or `ndim`, lie on the image.
+
+    Its pixels are the image's own, or those of a grid.
+    """
     own = CompositeAffine(image.scale, image.translate, rotate=image.rotate, shear=image.shear)
     count = ndim or image.ndim
     more = max(count - image.ndim, 0)
@@ -243,22 +240,18 @@ def placement(image: Image, ndim: int | None = None) -> dict[str, Any]:
     placed = {name: getattr(whole, name) for name in ("scale", "translate", "rotate", "shear")}
     units = (*["pixel"] * more, *image.units[-count:])
     labels = (*["frame"] * more, *image.axis_labels[-count:])
-    return placed | {"affine": affine, "units": units, "axis_labels": labels}
-
-
-def placement_on(image: Image, grid: Grid | None) -> dict[str, Any]:
-    """Place the pixels of a grid where they lie on the image; without one, as the image's own."""
-    if grid is None:
-        return placement(image)
-    place = np.concatenate([np.zeros(image.ndim - 2), grid.origin])
-    size = np.concatenate([np.ones(image.ndim - 2), grid.step])
-    corner = image.affine.inverse(image.data_to_world(place))
-    return placement(image) | {"scale": image.scale * size, "translate": corner}
+    placed |= {"affine": affine, "units": units, "axis_labels": labels}
+    if grid is not None:
+        first = np.append(np.zeros(image.ndim - 2), grid.origin)
+        size = np.append(np.ones(image.ndim - 2), grid.step)
+        corner = image.affine.inverse(image.data_to_world(first))
+        placed |= {"scale": image.scale * size, "translate": corner}
+    return placed
 
 
 def place(layer: Layer, image: Image, grid: Grid | None) -> bool:
     """Lay a layer of as many axes on an image, as above; say whether it has lain elsewhere."""
-    wanted = placement_on(image, grid)
+    wanted = placement(image, grid=grid)
     before = {name: getattr(layer, name) for name in wanted}
     for each in (wanted, before):
         each["affine"] = each["affine"].affine_matrix
