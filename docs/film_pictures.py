@@ -85,7 +85,7 @@ def kymograph(path: Path) -> None:
     w.click(dock.review)
     w.live(lambda: dock.panel is not None)
     panel: Any = dock.panel
-    dock.controller.selected = (20, 1)
+    dock.controller.select([(20, 1)])
     panel.plotted.setCurrentIndex(1)
     panel.plotted.activated.emit(1)
     w.wait(0.5)

@@ -107,7 +107,7 @@ def test_keys_act_on_the_curve_under_the_mouse(dock: SplinesketchDock, hand: Han
 def test_selecting_and_turning(viewer: Any, dock: SplinesketchDock, hand: Hand) -> None:
     controller = dock.controller
     hand.click(60, 50)
-    assert controller.selected == (1, 2)
+    assert controller.selection == ((1, 2),)
     assert "Curve 2" in dock.curve.title.text()
     until(lambda: "film selected" in viewer.layers, 5)
     curves, mark = viewer.layers["film curves"], viewer.layers["film selected"]
@@ -334,7 +334,7 @@ def test_buttons_cut_and_extend_where_the_curve_was_clicked(qapp: Any, fake: Fak
     with bench() as made:
         made.begin()
         controller = made.controller
-        controller.selected = (0, 1)
+        controller.select([(0, 1)])
         split, extend = (CommandButton(controller.actions, name) for name in ("split", "extend"))
         made.viewer.cursor.position = (50, 127)  # on the way to the button
         for button in (split, extend):
@@ -356,7 +356,7 @@ def test_undo_says_what_it_took_back_though_it_puts_the_knots_away(
 ) -> None:
     with bench() as made:
         made.begin()
-        made.controller.selected = 0, 1
+        made.controller.select([(0, 1)])
         made.controller.toggle_knots()
         assert "Drag the knots" in made.controller.notice.text
         made.controller.undo()
@@ -367,7 +367,7 @@ def test_undo_says_what_it_took_back_though_it_puts_the_knots_away(
 def test_the_knots_of_a_locked_curve_are_not_shown(qapp: Any, fake: FakeEngine) -> None:
     with bench() as made:
         made.begin()
-        made.controller.selected = 0, 2
+        made.controller.select([(0, 2)])
         made.controller.lock(True)
         made.controller.actions.run("knots")
         assert not made.controller.knots
@@ -380,7 +380,7 @@ def test_knots_that_were_only_looked_at_leave_what_can_be_redone(
     with bench() as made:
         made.begin()
         controller = made.controller
-        controller.selected = 0, 1
+        controller.select([(0, 1)])
         controller.toggle_knots()
         layer: Any = made.viewer.layers.selection.active
         layer.data = layer.data + 3.0
@@ -396,7 +396,7 @@ def test_knots_are_put_away_whatever_is_selected(qapp: Any, fake: FakeEngine) ->
     with bench() as made:
         made.begin()
         controller = made.controller
-        controller.selected = 0, 1
+        controller.select([(0, 1)])
         controller.toggle_knots()
         made.viewer.cursor.position = (20, 30)
         controller.actions.run("split")
@@ -410,7 +410,7 @@ def test_knots_are_put_away_whatever_is_selected(qapp: Any, fake: FakeEngine) ->
 def test_knots_are_not_pasted(qapp: Any, fake: FakeEngine) -> None:
     with bench() as made:
         made.begin()
-        made.controller.selected = 0, 1
+        made.controller.select([(0, 1)])
         made.controller.toggle_knots()
         layer = made.viewer.layers.selection.active
         assert isinstance(layer, Points)
@@ -424,7 +424,7 @@ def test_knots_follow_their_image(qapp: Any, fake: FakeEngine) -> None:
     with bench() as made:
         made.begin()
         image: Any = made.controller.image
-        made.controller.selected = 0, 1
+        made.controller.select([(0, 1)])
         made.controller.toggle_knots()
         knots, curves = made.viewer.layers.selection.active, made.viewer.layers["sketches curves"]
         assert isinstance(knots, Points)
@@ -444,6 +444,6 @@ def test_delete_takes_no_line_unseen_where_a_curve_was_selected_while_drawing(
         layer.selected_data = {2}  # as napari leaves it
         made.refine()
         made.controller.actions.run("next")
-        assert made.controller.selected == (0, 1)
+        assert made.controller.selection == ((0, 1),)
         layer.remove_selected()
         assert layer.nshapes == 3

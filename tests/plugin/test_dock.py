@@ -134,7 +134,7 @@ def test_status_is_told_by_colour_breadth_and_sign(
     assert curves.edge_width[1] > curves.edge_width[0]
     assert not np.array_equal(curves.edge_color[0], curves.edge_color[1])
     assert dock.results.text() == "1 good · 1 to check"
-    dock.controller.selected = (0, 2)
+    dock.controller.select([(0, 2)])
     assert dock.curve.title.text() == "Curve 2: to check"
     assert dock.hint.text() == "Curve 2: its ends &lt;are&gt; lost."
 
@@ -436,7 +436,7 @@ def test_every_control_has_a_tooltip_and_fits_250_pixels(
         for control in dock.content.findChildren(kind):
             assert control.toolTip(), control
     click(dock.settings.title)
-    dock.controller.selected = (0, 1)
+    dock.controller.select([(0, 1)])
     dock.resize(250, 700)
     QTest.qWait(50)
     assert dock.minimumSizeHint().width() == 250  # napari gives a dock no more
@@ -538,7 +538,7 @@ def test_nothing_scrolls_or_moves_by_itself(viewer: Any, dock: SplinesketchDock)
     bar: Any = column.verticalScrollBar()
     places = [dock.refine.mapTo(dock, QPoint(0, 0)), dock.export.mapTo(dock, QPoint(0, 0))]
     refine(dock)
-    dock.controller.selected = (0, 1)
+    dock.controller.select([(0, 1)])
     dock.controller.say("Something that takes a few words to say.")
     QTest.qWait(50)
     assert bar.value() == 0

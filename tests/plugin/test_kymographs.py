@@ -63,7 +63,7 @@ def test_the_panel_shows_the_selected_body_over_the_frames(
     state = work.state
     controller.apply("Track", replace(state, records=(first, replace(first, frame=1, curve=moved))))
     assert not panel.plotted.isHidden()
-    controller.selected = (1, first.id)
+    controller.select([(1, first.id)])
     assert [plot.values.ndim for plot in drawn(panel)] == [1], "no model of that frame"
     panel.plotted.setCurrentIndex(1)
     panel.plotted.activated.emit(1)
@@ -82,12 +82,12 @@ def test_the_panel_shows_the_selected_body_over_the_frames(
         values = [v for _, some in frames.tickValues(-0.5, high, 120) for v in some]
         assert np.allclose(values, np.round(values)), "frames are whole"
     controller.apply("Delete", replace(state, records=(first, replace(first, frame=3))))
-    controller.selected = (0, first.id)
+    controller.select([(0, first.id)])
     until(lambda: np.isnan(drawn(panel)[1].values).all(), 5)  # no speed is known, nor warned of
     QTest.qWait(100)
     other = replace(first, id=9, frame=1, curve=moved)
     controller.apply("Delete", replace(state, records=(first, other)))
-    controller.selected = (0, first.id)
+    controller.select([(0, first.id)])
     assert not drawn(panel), "no other plot in its place"
     controller.apply("Delete", replace(state, records=(first,)))
     assert panel.plotted.isHidden()
@@ -112,7 +112,7 @@ def test_the_panel_shows_a_body_over_time_where_there_are_planes_too(
     assert controller.work is not None
     state = replace(controller.work.state, records=(first, above, later))
     controller.apply("Track", state)
-    controller.selected = (4, first.id)
+    controller.select([(4, first.id)])
     panel.plotted.setCurrentIndex(1)
     panel.plotted.activated.emit(1)
     _, speed = drawn(panel)

@@ -162,7 +162,7 @@ def test_each_part_of_the_dock_listens_to_what_it_shows(
     for signal in (changes.progress, changes.said, changes.shown):
         signal.emit()
     assert not asked
-    dock.controller.selected = (0, 2)
+    dock.controller.select([(0, 2)])
     assert asked == list(dock.curve.buttons), "no plan is made for a selection"
     asked.clear()
     changes.curves.emit()

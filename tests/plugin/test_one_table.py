@@ -57,7 +57,7 @@ assert dock.colour_by.native.findText("Colour by number of knots") > 0
 assert legend([record], ("knots", Ruler())).startswith("10.0 ")
 shout = dock.curve.buttons["shout"]
 assert not shout.isEnabled() and shout.toolTip() == "Say something\\nSelect a curve"
-controller.selected = (0, 1)
+controller.select([(0, 1)])
 assert shout.isEnabled() and shout.toolTip() == "Say something"
 shout.click()
 assert "Loud" in dock.notice.text()

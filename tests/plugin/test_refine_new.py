@@ -55,7 +55,7 @@ def test_new_lines_join_the_finished_ones(
     choose(dock, "Refine all")
     until(lambda: not dock.controller.progress, 20)
     assert len(fake.calls[2]["fixed"]) == 1
-    dock.controller.selected = (0, 3)
+    dock.controller.select([(0, 3)])
     choose(dock, "Refine selected")
     until(lambda: not dock.controller.progress, 20)
     assert [len(call["lines"]) for call in fake.calls] == [2, 1, 2, 1]

@@ -66,7 +66,7 @@ def test_a_row_and_its_curve_find_each_other(
     row = ids(panel).index(4)
     place = panel.table.visualRect(panel.model.index(row, 1)).center()
     QTest.mouseClick(panel.table.viewport(), LEFT, NO_KEY, place)
-    assert dock.controller.selected == (0, 4)
+    assert dock.controller.selection == ((0, 4),)
     layer = viewer.layers["cells curves"]
     viewer.reset_view()
     middle = centre(viewer)
@@ -85,7 +85,7 @@ def test_a_row_and_its_curve_find_each_other(
     middle = image[78:83, 20:101].mean(axis=0) - image.mean()
     np.testing.assert_allclose(residual.values[[0, -1]], middle[[0, -1]], atol=2.5)
     QTest.keyClick(panel.table, Qt.Key.Key_Down)
-    assert dock.controller.selected == (0, ids(panel)[row + 1])
+    assert dock.controller.selection == ((0, ids(panel)[row + 1]),)
     # The other way round: on the canvas.
     viewer.reset_view()
     viewer.layers.selection.active = layer
@@ -93,7 +93,7 @@ def test_a_row_and_its_curve_find_each_other(
     where = canvas_point(viewer, layer.data_to_world([60, 60]))
     QTest.mouseMove(canvas(viewer), where + QPoint(1, 1))
     QTest.mouseClick(canvas(viewer), LEFT, NO_KEY, where)
-    until(lambda: dock.controller.selected == (0, 3), 5)
+    until(lambda: dock.controller.selection == ((0, 3),), 5)
     assert panel.table.currentIndex().row() == ids(panel).index(3)
     assert isinstance(panel.plots.shown[0], Plot) and panel.plots.shown[0] is not width
 
@@ -110,18 +110,18 @@ def test_one_hand_reviews_the_worst_first(
     ]  # fmt: skip
     viewer.layers.selection.active = viewer.layers["cells"]
     press(viewer, "N")
-    assert dock.controller.selected == (0, 5)
+    assert dock.controller.selection == ((0, 5),)
     press(viewer, "K")
-    assert dock.controller.selected == (0, 2)
+    assert dock.controller.selection == ((0, 2),)
     press(viewer, "J")
-    assert dock.controller.selected == (0, 4)
+    assert dock.controller.selection == ((0, 4),)
     press(viewer, "N")
     assert panel.count.text() == "2 of 5 reviewed"
     assert {r.id: r.review for r in dock.controller.records()} == {
         1: "open", 2: "accepted", 3: "open", 4: "open", 5: "rejected"
     }  # fmt: skip
     # The table leaves the viewer its keys, and the buttons do the same.
-    dock.controller.selected = (0, 4)
+    dock.controller.select([(0, 4)])
     panel.table.setFocus()
     QTest.keyClick(panel.table, Qt.Key.Key_J)
     until(lambda: panel.count.text() == "3 of 5 reviewed", 5)
@@ -190,7 +190,7 @@ def test_what_is_still_to_come_lets_a_closed_window_go(
     click(dock.review)
     until(lambda: dock.panel is not None)
     viewer.layers["cells sketches"].add([[100, 20], [100, 90]], shape_type="line")
-    dock.controller.selected = 0, 1
+    dock.controller.select([(0, 1)])
     dock.controller.toggle_knots()
     fake.go.clear()
     click(dock.refine)
@@ -215,7 +215,7 @@ def test_the_panel_closes_and_comes_back(
     assert not dock.review.isChecked()
     dock.controller.review("accepted", (0, 1))
     dock.controller.actions.run("next")
-    assert dock.controller.selected == (0, 5), "the keys work without the panel"
+    assert dock.controller.selection == ((0, 5),), "the keys work without the panel"
     click(dock.review)
     again = dock.panel
     assert again is not None and again is not panel

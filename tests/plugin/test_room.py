@@ -47,7 +47,7 @@ def test_the_review_panel_takes_no_height_from_the_dock_and_the_legend_stays_who
     until(lambda: dock.panel is not None and dock.panel.isVisible(), 10)
     QTest.qWait(200)
     assert dock.height() == before
-    dock.controller.selected = (0, 2)
+    dock.controller.select([(0, 2)])
     QTest.qWait(50)
     assert dock.curve.pos() == place, "nor for the selected curve's doubts"
     assert dock.hint.height() >= dock.hint.heightForWidth(dock.hint.width())

@@ -175,9 +175,9 @@ def test_choices_are_kept_and_used(viewer: Any, fake: FakeEngine, npe2pm_install
     chosen.keys.next = "H"
     canvas(viewer).setFocus()
     QTest.keyClick(canvas(viewer), Qt.Key.Key_N)
-    assert dock.controller.selected is None
+    assert not dock.controller.selection
     QTest.keyClick(canvas(viewer), Qt.Key.Key_H)
-    until(lambda: dock.controller.selected == (0, 1), 5)
+    until(lambda: dock.controller.selection == ((0, 1),), 5)
     assert dock.controller.actions.keys["draw"] == "", "a key does one thing"
     # Another dock, another session, napari's preferences.
     kept = settings.load()

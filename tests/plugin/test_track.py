@@ -64,11 +64,11 @@ def over(dock: SplinesketchDock) -> None:
 
 def test_next_frame_carries_over_refines_and_steps(viewer: Any, film: SplinesketchDock) -> None:
     assert film.track.isVisible()
-    film.controller.selected = (1, 2)
+    film.controller.select([(1, 2)])
     click(film.track.buttons["next_frame"])
     over(film)
     assert keys(film) == [(1, 1), (1, 2), (2, 1), (2, 2)]
-    assert film.controller.selected == (2, 2), "what is selected is the body in view"
+    assert film.controller.selection == ((2, 2),), "what is selected is the body in view"
     viewer.dims.set_point(0, 1)
     assert film.curve.title.text() == "Curve 2 of frame 2: good"
     viewer.dims.set_point(0, 2)
@@ -420,7 +420,7 @@ def test_what_is_decided_while_tracking_is_a_step_of_its_own(film: SplinesketchD
 
 def test_knots_are_done_when_tracking_begins(viewer: Any, film: SplinesketchDock) -> None:
     controller = film.controller
-    controller.selected = (1, 1)
+    controller.select([(1, 1)])
     controller.toggle_knots()
     knots = viewer.layers["film knots of curve 1"]
     moved = knots.data + np.eye(10, 3)[:, [1, 0, 2]]
@@ -487,10 +487,10 @@ def test_a_curve_that_was_corrected_and_refined_stays_as_it_is(
     click(buttons["track"])
     over(film)
     viewer.dims.set_point(0, 3)
-    controller.selected = (3, 2)
+    controller.select([(3, 2)])
     controller.actions.run("flip")
     turned = controller.state.by_key[3, 2]
-    controller.selected = (3, 1)
+    controller.select([(3, 1)])
     edited = commands.edited(controller.records(3)[0], controller.records(3)[0].curve)
     controller.apply("Edit", controller.state.with_records(edited))
     controller.refine("selected")
@@ -613,7 +613,7 @@ def test_curves_are_carried_along_time_in_the_plane_in_view(
     assert film.controller.steps.done == "Track to frame 2"
     first = film.controller.state.records[0]
     plane = f"0, z {1 if labels[0] == 't' else 0}"
-    film.controller.selected = first.frame, first.id
+    film.controller.select([(first.frame, first.id)])
     assert film.curve.title.text() == f"Curve 1 of frame {plane}: good"
     assert times_of(film.controller.image).place(first.frame) == plane
     assert {frame for frame, _ in keys(film)} == set(there)

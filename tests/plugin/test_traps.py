@@ -323,7 +323,7 @@ def test_curves_that_were_hidden_while_the_view_was_turned_are_changed(
     viewer.dims.ndisplay = hidden_in
     viewer.layers["film curves"].visible = False
     viewer.dims.ndisplay = 5 - hidden_in
-    dock.controller.selected = (1, 1)
+    dock.controller.select([(1, 1)])
     dock.controller.actions.run("flip")
     until(lambda: not dock.controller.drawing.runs)
     assert dock.controller.notice.text == ""
@@ -338,7 +338,7 @@ def test_nothing_is_cut_or_extended_where_the_pointer_shows_no_place(
     finish(dock, fake)
     controller = dock.controller
     before = controller.state
-    controller.selected = (1, 1)
+    controller.select([(1, 1)])
     for view, said in ({"ndisplay": 3}, "2-D"), ({"ndisplay": 2, "order": (1, 0, 2)}, "sliders"):
         for name, value in view.items():
             setattr(viewer.dims, name, value)

@@ -37,7 +37,7 @@ def test_steps_are_taken_back_by_keys_and_buttons(viewer: Any, dock: Splinesketc
     until(lambda: list(curves.features["review"]) == ["accepted", "open"])
     until(lambda: list(curves.features["locked"]) == [False, True])
     viewer.layers.selection.active = curves
-    controller.selected = (0, 1)
+    controller.select([(0, 1)])
     press(viewer, Qt.Key.Key_Delete)
     until(lambda: curves.nshapes == 1, 20)
     until(lambda: [r.id for r in controller.records()] == [2], 20)
@@ -92,19 +92,19 @@ def test_the_selection_is_the_same_everywhere(
     refine(dock)
     controller, curves = dock.controller, viewer.layers["cells curves"]
     heard: list[Any] = []
-    controller.changes.selection.connect(lambda: heard.append(controller.selected))
-    controller.selected = (0, 2)
-    controller.selected = (0, 1)
-    assert heard == [(0, 2), (0, 1)]
+    controller.changes.selection.connect(lambda: heard.append(controller.selection))
+    controller.select([(0, 2)])
+    controller.select([(0, 1)])
+    assert heard == [((0, 2),), ((0, 1),)]
     controller.select([(0, 1), (0, 2)])
-    assert controller.selected is None
+    assert controller.selection == ((0, 1), (0, 2))
     fit_view(viewer)
     viewer.layers.selection.active = curves
     QTest.mouseClick(canvas(viewer), Qt.MouseButton.LeftButton, pos=canvas_point(viewer, (20, 40)))
-    assert controller.selected == (0, 1)
+    assert controller.selection == ((0, 1),)
     controller.delete()
-    assert controller.selected is None
+    assert not controller.selection
     until(lambda: curves.nshapes == 1, 20)
     controller.restore()
-    assert controller.selected == (0, 1)
+    assert controller.selection == ((0, 1),)
     until(lambda: curves.nshapes == 2)

@@ -124,8 +124,8 @@ def _empty(c: Controller) -> str:
 
 def _restore(c: Controller) -> None:
     c.restore()
-    if c.unseen and c.selected:
-        go_to(c, c.selected)
+    if c.unseen:
+        go_to(c, c.selection[0])
 
 
 def worst_first(records: Sequence[Record]) -> list[Record]:
@@ -159,7 +159,7 @@ def go_to(controller: Controller, key: Key) -> None:
     """Select a curve, and bring it to the middle of the canvas."""
     record, image = controller.state.by_key.get(key), controller.image
     if record is not None and image is not None:
-        controller.selected = key
+        controller.select((key,))
         space.look_at(controller.viewer, image, record.frame, record.curve.points)
 
 

@@ -163,16 +163,6 @@ class Keeper:
         """(frame, id) of the selected curves."""
         return tuple(map(key_of, self.selected_records()))
 
-    @property
-    def selected(self) -> Key | None:
-        """(frame, id) of the selected curve; None without one, or with several."""
-        chosen = self.selection
-        return chosen[0] if len(chosen) == 1 else None
-
-    @selected.setter
-    def selected(self, key: Key | None) -> None:
-        self.select(() if key is None else (key,))
-
     def selected_records(self) -> tuple[Record, ...]:
         """Give the selected curves."""
         return self.work.selected if self.work else ()

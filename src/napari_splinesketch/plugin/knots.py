@@ -83,7 +83,7 @@ class KnotEditing:
         """Refine the curve from where its knots are, and no other."""
         self.close()
         space.go_to_frame(self._controller.viewer, self._work.image, self._key[0])
-        self._controller.selected = self._key
+        self._controller.select((self._key,))
         self._controller.refine("selected")
 
     def discard(self) -> None:

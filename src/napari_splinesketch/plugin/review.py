@@ -53,7 +53,7 @@ class CurvesModel(QtCore.QAbstractTableModel):
         self._asked: tuple[Sequence[Record], str, int, Times] = (), "all", 0, columns.FILM
         self._by = columns.STATUS, Qt.SortOrder.DescendingOrder
 
-    def row_of(self, key: Key | None) -> int | None:
+    def row_of(self, key: Key) -> int | None:
         """Row in which a curve is shown, or None."""
         return next((row for row, one in enumerate(self.records) if key_of(one) == key), None)
 
@@ -155,9 +155,9 @@ class CurvesTable(qt.QTableView):
                 lambda now, *_: now.isValid() and self.picked.emit(key_of(model.records[now.row()]))
             )
 
-    def show_selected(self, key: Key | None) -> None:
-        """Highlight the row of a curve, silently."""
-        row = self._rows.row_of(key)
+    def show_selected(self, keys: Sequence[Key]) -> None:
+        """Highlight the row of a curve that is selected alone, silently."""
+        row = self._rows.row_of(keys[0]) if len(keys) == 1 else None
         with QSignalBlocker(self):
             self.setCurrentIndex(NO_INDEX if row is None else self._rows.index(row, 0))
 
@@ -218,7 +218,7 @@ class ReviewPanel(qt.QWidget):
             (controller.viewer.events.theme, lambda event: self.plots.show_theme(event.value)),
         )
         controller.order = lambda records: self.model.records
-        self.model.modelReset.connect(lambda: self.table.show_selected(controller.selected))
+        self.model.modelReset.connect(lambda: self.table.show_selected(controller.selection))
         self.table.picked.connect(partial(go_to, controller))
         self.shown.activated.connect(self._show_rows)
         self.plotted.activated.connect(self.show_selected)
@@ -250,7 +250,7 @@ class ReviewPanel(qt.QWidget):
     def show_selected(self) -> None:
         """Show which curve is selected."""
         controller, ruler = self.controller, self.model.ruler
-        self.table.show_selected(controller.selected)
+        self.table.show_selected(controller.selection)
         chosen, work = controller.selected_records(), controller.work
         at = self.plotted.currentIndex() * self.plotted.isVisibleTo(self)  # without it, along it
         if work is None or len(chosen) != 1:
