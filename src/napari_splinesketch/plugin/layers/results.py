@@ -122,12 +122,11 @@ class Work:
         self.slots = {role: Slot(role, maker, self) for role, maker in MAKERS.items()}
         self.slots["curves"] = self._lines = CurveLines("curves", MAKERS["curves"], self)
         self.behind = False  # not all is shown: napari cannot add flat shapes to a view in 3-D
-        self._soon_seen = qthrottled(self._look, AFTER_MS, leading=False)
-        self._soon_placed = qthrottled(self._place, AFTER_MS, leading=False)
-        for moved in (viewer.scene.camera.events, viewer.dims.events.current_step):
+        self._moved = False  # the image, since the layers were laid on it
+        self._soon = qthrottled(self._look, AFTER_MS, leading=False)
+        placed = [getattr(image.events, name) for name in choices.PLACED]
+        for moved in (viewer.scene.camera.events, viewer.dims.events.current_step, *placed):
             moved.connect(self._on_move)
-        for name in choices.PLACED:
-            getattr(image.events, name).connect(self._on_placed)
         vars(sketches).setdefault(WORKS, []).append(self)
         vars(sketches).setdefault(ORIGIN, origin_of(image))
 
@@ -309,21 +308,15 @@ class Work:
             colours[changed, 3] = wanted[changed]
             layer.edge_color = colours
 
-    def _on_move(self, event: object) -> None:
-        if self.records:
-            self._soon_seen()
-
-    def _on_placed(self, event: object) -> None:
-        self._soon_placed()
-
-    def _place(self) -> None:
-        """Let the layers follow the image."""
-        if [slot for slot in self.slots.values() if slot.place()]:
-            self.changes.curves.emit()  # for their lengths, in its unit
-            self._look()
+    def _on_move(self, event: Any) -> None:
+        self._moved |= event.type in choices.PLACED
+        self._soon()
 
     def _look(self) -> None:
-        """Let what depends on the camera follow it."""
+        """Let the layers follow the image, and what depends on the camera follow that."""
+        moved, self._moved = self._moved, False
+        if moved and [slot for slot in self.slots.values() if slot.place()]:
+            self.changes.curves.emit()  # for their lengths, in its unit
         self._update("marks", "selected")
         self._lines.broaden()
 
