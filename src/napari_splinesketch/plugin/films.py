@@ -15,7 +15,7 @@ from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.plugin import engine, model, words
 from napari_splinesketch.plugin.layers import drawn, space
 from napari_splinesketch.plugin.layers.results import Work
-from napari_splinesketch.plugin.model import Key, Record, State, by_frame, key_of
+from napari_splinesketch.plugin.model import Record, State, by_frame, key_of
 from napari_splinesketch.tracking import Body, Given, Tracked, follow
 from napari_splinesketch.tracking.bodies import INFERRED, MEMORY
 from napari_splinesketch.tracking.follow import PATIENCE
@@ -159,11 +159,17 @@ def around_problem(c: Controller) -> str:
 
 
 def _corrected(c: Controller) -> tuple[range, State, int, tuple[Body, ...]]:
-    """Give all times, the state at them, the one in view, and the bodies corrected there."""
+    """Give all times, the state at them, the one in view, and the bodies corrected there.
+
+    They are known beside it; of selected curves, if any.
+    """
     times = space.times_of(c.image).of(c.frame)
     state, now = at_times(c.state, times), times.index(c.frame)
-    chosen = [(now, number) for frame, number in c.selection if frame == c.frame]
-    return times, state, now, corrected_at(state, now, chosen)
+    beside = {r.id for r in state.records if abs(r.frame - now) == 1 and not _decided(r)}
+    here = [r for r in state.records if r.frame == now and r.id in beside]
+    mine = [record for record in here if record.usable and record.by_hand]
+    chosen = [record for record in mine if (c.frame, record.id) in c.selection] or mine
+    return times, state, now, tuple(Body(r.id, ((now, r.curve),)) for r in chosen)
 
 
 def around(c: Controller) -> None:
@@ -274,15 +280,6 @@ def bodies_at(state: State, frame: int, way: int = 1) -> tuple[Body, ...]:
         for number, seen in ways.items()
         if seen[-1][0] == frame or number not in ended
     )
-
-
-def corrected_at(state: State, frame: int, selected: Collection[Key]) -> tuple[Body, ...]:
-    """Give the bodies corrected in a frame and known beside it: of selected curves, if any."""
-    beside = {r.id for r in state.records if abs(r.frame - frame) == 1 and not _decided(r)}
-    here = [r for r in state.records if r.frame == frame and r.id in beside and r.usable]
-    mine = [record for record in here if record.by_hand]
-    chosen = [record for record in mine if key_of(record) in selected] or mine
-    return tuple(Body(r.id, ((frame, r.curve),)) for r in chosen)
 
 
 def taken_in(

@@ -254,13 +254,14 @@ class State:
 
     def marked(self, keys: Collection[Key], **marks: Any) -> "State":
         """Note what the user says of some curves, or that they are to stay as they are."""
-        return self.with_records(*(replace(r, **marks) for r in self._among(keys)))
+        known = self.by_key
+        return self.with_records(*(replace(known[k], **marks) for k in known.keys() & keys))
 
     def without(self, keys: Collection[Key]) -> "State":
         """Delete some curves."""
-        gone = dict.fromkeys(self._among(keys))
-        kept = tuple([record for record in self.records if record not in gone])
-        return replace(self, records=kept, deleted=(*self.deleted, *gone))
+        gone = {key: self.by_key[key] for key in sorted(self.by_key.keys() & keys)}
+        kept = tuple([record for record in self.records if key_of(record) not in gone])
+        return replace(self, records=kept, deleted=(*self.deleted, *gone.values()))
 
     def restored(self, keys: Collection[Key]) -> "State":
         """Bring deleted curves back, of several with the same frame and id the last."""
@@ -272,9 +273,6 @@ class State:
         """Keep curves that were drawn again, as deleted: under other numbers, as theirs go on."""
         aside = [replace(r, id=self.last + i) for i, r in enumerate(records, 1)]
         return replace(self, deleted=(*self.deleted, *aside))
-
-    def _among(self, keys: Collection[Key]) -> list[Record]:
-        return [record for key in sorted(set(keys)) if (record := self.by_key.get(key)) is not None]
 
     def suggested(self, frame: int, lines: Sequence[Line]) -> "State":
         """Suggest lines in a frame, in the place of those that have not become curves."""
