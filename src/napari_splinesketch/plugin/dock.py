@@ -54,7 +54,7 @@ class SplinesketchDock(qt.QWidget):
         self._viewer = getattr(napari_viewer, "__wrapped__", napari_viewer)
         self.controller = Controller(self._viewer)
         self.panel: ReviewPanel | None = None
-        self.saver = Saver(self.controller, self)
+        self.saver = Saver(self.controller)
         files.open_tables()
         self._build()
         self._lay_out()
@@ -137,9 +137,9 @@ class SplinesketchDock(qt.QWidget):
             self._show_selected: (c.selection,),
             self._show_results: (c.layers, c.lines, c.curves, c.shown, c.settings),
             self._show_running: (c.busy, c.progress, c.said),
-            self._show_saved: (c.layers, c.settings, self.saver.found),
+            self._show_saved: (c.layers, c.settings, c.saved),
             self.settings_form.show_state: (c.layers, c.settings),
-            self.offer.show_state: (c.layers, c.curves, c.busy, self.saver.found),
+            self.offer.show_state: (c.layers, c.curves, c.busy, c.saved),
         }
         for show, signals in listeners.items():
             for signal in signals:

@@ -54,6 +54,7 @@ class Changes(SignalGroup):
     progress = Signal(description="Where what runs stands")
     said = Signal(description="What the dock says came of something")
     settings = Signal(description="What the user chose")
+    saved = Signal(description="Where work is saved, and which there is to go on with")
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,9 +16,6 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from napari.layers import Image
 from platformdirs import user_data_path
-from psygnal import Signal
-from qtpy.compat import isalive
-from qtpy.QtCore import QObject
 from superqt.utils import qthrottled
 
 from napari_splinesketch.files import LONGEST_NAME, owned, reason_of
@@ -111,13 +108,10 @@ class Home:
         return self
 
 
-class Saver(QObject):
+class Saver:
     """Saves sketches and curves on every change, those of each image in a thread of its own."""
 
-    found = Signal(description="There is work to go on with, or none any more, or elsewhere")
-
-    def __init__(self, controller: Controller, parent: QObject | None = None):
-        super().__init__(parent)
+    def __init__(self, controller: Controller):
         self._controller = controller
         self._homes: WeakKeyDictionary[Image, Home] = WeakKeyDictionary()
         self._settings = controller.settings
@@ -127,7 +121,6 @@ class Saver(QObject):
         changes, layers = controller.changes, controller.viewer.layers.events
         self._end: Callable[[], None] | None = listen(
             (changes.layers, self._soon),
-            (changes.layers, self.found.emit),
             (changes.curves, self._soon),
             (changes.settings, self._on_settings),
             (layers, self._on_event),
@@ -178,7 +171,7 @@ class Saver(QObject):
         frames, size, problems = frame_count(image), size_of(image), list[str]()
 
         def read(_: object) -> list[tuple[Folder, Session] | None]:
-            return [sessions.reopen(path, frames, size, problems) for path in offers]
+            return [sessions.reopen(*one, frames, size, problems) for one in offers.items()]
 
         def show(found: list[tuple[Folder, Session] | None]) -> None:
             there = filter(None, reversed(found))
@@ -188,7 +181,7 @@ class Saver(QObject):
         def over() -> None:
             said = f"Some of it was not resumed (kept on disk): {' '.join(problems)}"
             controller.finish(said if problems else "", "failed")
-            self.found.emit()
+            controller.changes.saved.emit()
 
         controller.start(read, show, "Reading the saved work")
 
@@ -226,7 +219,7 @@ class Saver(QObject):
             except OSError as error:
                 self._controller.say(f"Saved work could not be put aside: {error}.")
             del self._home.found[path]
-        self.found.emit()
+        self._controller.changes.saved.emit()
 
     @property
     def brought(self) -> int:
@@ -293,7 +286,7 @@ class Saver(QObject):
             for work in self._controller.works:
                 work.folder = change(work.folder)
             self._soon()
-            self.found.emit()
+            self._controller.changes.saved.emit()
 
     def _on_removing(self, event: Any) -> None:
         layer = self._controller.viewer.layers[event.index]
@@ -330,12 +323,11 @@ class Saver(QObject):
     def _on_done(self, home: Home, now: Home) -> None:
         """Tell of what was found, and of what went wrong; try that again later."""
         vars(home).update(vars(now), job=None)
-        # A thread may end after Qt has deleted the window and all that is in it.
-        if self._end is not None and isalive(self):
+        if self._end is not None:
             self._soon.setTimeout(AGAIN_MS if home.unsaved else DELAY_MS)
             if home.unsaved:
                 self._soon()
-            self.found.emit()
+            self._controller.changes.saved.emit()
 
 
 def _session(work: results.Work) -> Session:

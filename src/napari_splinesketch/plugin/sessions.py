@@ -380,7 +380,7 @@ def read(path: Path, frames: int, size: tuple[int, int]) -> tuple[Session, tuple
 
 
 def reopen(
-    path: Path, frames: int, size: tuple[int, int], problems: list[str]
+    path: Path, head: Head, frames: int, size: tuple[int, int], problems: list[str]
 ) -> tuple[Folder, Session] | None:
     """Read a session that no other window has; it goes on elsewhere if it is not read whole."""
     try:
@@ -391,13 +391,8 @@ def reopen(
         return None
     except OSError:
         folder = Folder()
-    try:
-        head, (session, unread) = summary(path), read(path, frames, size)
-    except (OSError, LabelsError) as error:
-        folder.release()
-        problems.append(f"{error}.")
-        return None
-    folder.head, folder.after = head, head.after if head else ()
+    session, unread = read(path, frames, size)
+    folder.head, folder.after = head, head.after
     problems.extend(unread)
     if unread or folder.path is None:
         return folder.moved(), session
