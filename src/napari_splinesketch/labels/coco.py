@@ -92,11 +92,4 @@ def read(source: Source) -> Iterator[Label]:
 
 
 LOSSES = ("sampling", "width", "shape")
-
-
-def claims(ending: str, head: bytes) -> bool:
-    """Whether a file was written by us, by its description."""
-    return f'"{OURS}"'.encode() in head
-
-
-FORMAT = Format("COCO keypoints", (".coco.json",), read, write, LOSSES, claims)
+FORMAT = Format("COCO keypoints", {".coco.json": f'"{OURS}"'.encode()}, read, write, LOSSES)

@@ -4,7 +4,7 @@ import os
 import zipfile
 from array import array
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -190,28 +190,22 @@ def unpacked(source: Source, endings: tuple[str, ...], what: str) -> Iterator[by
             raise source.error(f"holds no {what} (files with the ending {' or '.join(endings)})")
 
 
-def name_in_zip(head: bytes) -> bytes:
-    """Give the name of the first file in a zip, in lower case; empty for other files."""
-    length = int.from_bytes(head[26:28], "little")
-    return head[30 : 30 + length].lower() if head.startswith(b"PK\x03\x04") else b""
-
-
 @dataclass(frozen=True)
 class Format:
     """A kind of file that holds labels."""
 
     name: str
     """For menus and messages."""
-    endings: tuple[str, ...]
-    """How the names of such files end, in lower case; those that are written have the first."""
+    endings: Mapping[str, bytes]
+    """How the names of such files end, in lower case; those that are written have the first. With
+    each, a pattern: where it is in the first bytes of a file, or in the name of the first file of a
+    zip, the file is certainly in this format."""
     read: Read | None = None
     """Reads a file; None if that is not possible."""
     write: Callable[[Path, AnyLabels], None] | None = None
     """Writes a file that does not exist yet; None if that is not possible."""
     losses: tuple[str, ...] = ()
     """What it cannot keep: keys of `LOSSES` for some labels, or sentences for all labels."""
-    claims: Callable[[str, bytes], bool] = lambda ending, head: True
-    """Whether a file with this ending and these first bytes is certainly in this format."""
     by_frame: bool = False
     """Whether reading holds no more than a curve, so that a film can be read frame by frame."""
     needs: str = ""
@@ -220,7 +214,7 @@ class Format:
     @property
     def suffix(self) -> str:
         """How the name of a file that is written ends."""
-        return self.endings[0]
+        return next(iter(self.endings))
 
     def ending(self, path: str | os.PathLike[str]) -> str:
         """Give the longest ending that a file's name has, nothing where it has none."""

@@ -1,6 +1,7 @@
 """Every format, and reading and writing labels in any of them."""
 
 import os
+import re
 from collections.abc import Iterable
 from importlib.util import find_spec
 from pathlib import Path
@@ -40,9 +41,11 @@ WRITERS = tuple(form for form in FORMATS if form.write)
 def claiming(path: str | os.PathLike[str]) -> Format | None:
     """Find the format of an existing file by its name and its first bytes, if there is one."""
     with open_regular(path) as file:
-        head = file.read(HEAD)
-    fitting = (form for form in READERS if form.ending(path))
-    return next((form for form in fitting if form.claims(form.ending(path), head)), None)
+        mark = file.read(HEAD)
+    if mark.startswith(b"PK\x03\x04"):  # a zip: the name of its first file
+        mark = mark[30 : 30 + int.from_bytes(mark[26:28], "little")].lower()
+    fitting = [(form, form.ending(path)) for form in READERS if form.ending(path)]
+    return next((form for form, each in fitting if re.search(form.endings[each], mark)), None)
 
 
 def reader_of(path: str | os.PathLike[str]) -> Format:

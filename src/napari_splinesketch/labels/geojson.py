@@ -1,6 +1,5 @@
 """GeoJSON as QuPath reads and writes it: one line per body, (x, y) from the image's corner."""
 
-import re
 from collections import deque
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -16,7 +15,7 @@ from napari_splinesketch.labels.types import AnyLabels, Label
 CORNER = 0.5
 """QuPath counts from the corner of the first pixel, we from its centre, px."""
 OURS = "splinesketch"
-TYPES = re.compile(rb'"type"\s*:\s*"(Feature(Collection)?|(Multi)?LineString)"')
+TYPES = rb'"type"\s*:\s*"(Feature(Collection)?|(Multi)?LineString)"'
 LINES = ("LineString", "MultiLineString")
 OTHERS = ("Point", "MultiPoint", "Polygon", "MultiPolygon", "Feature")
 """Types that are left out; a feature without geometry is left out under its own type."""
@@ -118,9 +117,4 @@ def _line_strings(source: Source, geometry: json_tree.Node) -> Iterator[json_tre
             yield from [lines] if kind == "LineString" else lines
 
 
-def claims(ending: str, head: bytes) -> bool:
-    """Whether a file named .json holds features, by its first types."""
-    return ending == ".geojson" or bool(TYPES.search(head))
-
-
-FORMAT = Format("GeoJSON", (".geojson", ".json"), read, write, claims=claims)
+FORMAT = Format("GeoJSON", {".geojson": b"", ".json": TYPES}, read, write)

@@ -15,7 +15,6 @@ from napari_splinesketch.labels.format import (
     Source,
     blamed,
     checksum,
-    name_in_zip,
     open_regular,
     unpacked,
 )
@@ -114,12 +113,7 @@ def _labels(source: Source, roi: ImagejRoi, points: Float[Array, "N 2"]) -> Sequ
     return source.own(line, told.tolist(), half_width, sd, status, plane=moved)
 
 
-def claims(ending: str, head: bytes) -> bool:
-    """Whether this is a ROI, by its mark, or a zip of them, by its first file, or an empty one."""
-    if ending == ".roi":
-        return head.startswith(b"Iout")
-    return name_in_zip(head).endswith(b".roi") or head.startswith(b"PK\x05\x06")
-
-
 LOSSES = ("coordinates are 32-bit floats, about seven digits", "scale", "provenance", "review")
-FORMAT = Format("ImageJ ROIs", (".zip", ".roi"), read, write, LOSSES, claims)
+MARKS = {".zip": rb"\.roi\Z|\APK\x05\x06", ".roi": rb"\AIout"}
+"""Of a zip of ROIs, or one without any, and of a single ROI."""
+FORMAT = Format("ImageJ ROIs", MARKS, read, write, LOSSES)

@@ -85,4 +85,5 @@ LOSSES = (
     "width",
     "shape",
 )
-FORMAT = Format("masks, one label image per frame", (".masks.tif",), write=write, losses=LOSSES)
+NAME = "masks, one label image per frame"
+FORMAT = Format(NAME, {".masks.tif": b""}, write=write, losses=LOSSES)

@@ -1,8 +1,6 @@
 """Splines as arrays, as detectors predict them: read only, as sketches."""
 
 from collections.abc import Iterator, Mapping
-from contextlib import suppress
-from io import BytesIO
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +12,6 @@ from napari_splinesketch.labels.format import (
     LabelsError,
     Source,
     blamed,
-    name_in_zip,
     open_regular,
 )
 from napari_splinesketch.labels.types import Label
@@ -31,7 +28,7 @@ def read(source: Source) -> Iterator[Label]:
     # NumPy raises anything on broken files.
     with blamed(lambda why: source.error(f"not an array of NumPy's ({why})"), Exception):
         array = _array(source.path)
-    if not _is_splines(array.shape) or array.dtype.kind not in "fiu":
+    if array.ndim not in (3, 4) or array.shape[-1] != 2 or array.dtype.kind not in "fiu":
         reason = f"array of shape {array.shape} and type {array.dtype}; expected numbers of shape "
         shapes = "(splines, points, 2) or (frames, splines, points, 2)"
         raise source.error(f"{reason}{shapes}, (x, y) last")
@@ -68,20 +65,6 @@ def _of_archive(path: Path, found: Mapping[str, Array]) -> Array:
     return np.asarray(found[names[0]])  # bytes, where it is a zip of something else
 
 
-def _is_splines(shape: tuple[int, ...]) -> bool:
-    return len(shape) in (3, 4) and shape[-1] == 2
-
-
-def claims(ending: str, head: bytes) -> bool:
-    """Whether this is an array of points, by its shape, or an archive, by its first file."""
-    if ending == ".npz":
-        return name_in_zip(head).endswith(b".npy")
-    file, numpy = BytesIO(head), np.lib.format
-    with suppress(Exception):  # NumPy raises anything on broken headers
-        first = numpy.read_magic(file) == (1, 0)
-        read_header = numpy.read_array_header_1_0 if first else numpy.read_array_header_2_0
-        return _is_splines(read_header(file)[0])
-    return False
-
-
-FORMAT = Format("NumPy splines", (".npy", ".npz"), read, claims=claims, by_frame=True)
+MARKS = {".npy": rb"\A\x93NUMPY[^\n]*'shape': *\((\d+, *){2,3}2,?\)", ".npz": rb"\.npy\Z"}
+"""Of an array of points, by its shape, and of an archive of arrays."""
+FORMAT = Format("NumPy splines", MARKS, read, by_frame=True)

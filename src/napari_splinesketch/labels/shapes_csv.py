@@ -72,10 +72,5 @@ def _sketch(columns: dict[str, Any]) -> Label:
     return Label.from_sketch(points, frame=int(frames[0]), identity=number)
 
 
-def claims(ending: str, head: bytes) -> bool:
-    """Whether a CSV is one of shapes only, by its first line."""
-    return b"shape-type" in head.partition(b"\n")[0]
-
-
-ENDINGS = (".shapes.csv", ".csv")
-FORMAT = Format("napari Shapes CSV", ENDINGS, read, write, table.LOSSES, claims)
+MARKS = dict.fromkeys((".shapes.csv", ".csv"), rb"\A[^\n]*shape-type")
+FORMAT = Format("napari Shapes CSV", MARKS, read, write, table.LOSSES)

@@ -56,4 +56,4 @@ LOSSES = (
     "sampling",
     "review",
 )
-FORMAT = Format("SLEAP", (".slp",), write=write, losses=LOSSES, needs="sleap-io")
+FORMAT = Format("SLEAP", {".slp": b""}, write=write, losses=LOSSES, needs="sleap-io")

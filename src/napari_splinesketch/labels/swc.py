@@ -48,4 +48,4 @@ def _tree(label: Label, size: tuple[float, float], first: int) -> Iterator[str]:
         yield f"{first + i} {UNDEFINED} {x!r} {y!r} 0 {half_width!r} {parent}\n"
 
 
-FORMAT = Format("SWC", (".swc",), write=write, losses=LOSSES)
+FORMAT = Format("SWC", {".swc": b""}, write=write, losses=LOSSES)

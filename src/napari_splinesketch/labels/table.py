@@ -174,14 +174,10 @@ def _factor(pixels: Float[Array, " N"], physical: Float[Array, " N"]) -> float |
     return next((each for each in candidates if np.array_equal(pixels * each, physical)), ratio)
 
 
-def claims(ending: str, head: bytes) -> bool:
-    """Whether a CSV is one of curves, by its header."""
-    header = "".join(head.decode("utf-8-sig", errors="replace").splitlines()[:1])
-    return set(REQUIRED) <= {name.strip().strip('"') for name in header.split(",")}
-
-
 LOSSES = ("provenance", "empty")
-FORMAT = Format("labels CSV", (".csv",), read, write, LOSSES, claims, by_frame=True)
+COLUMN = r'(?=([^\r\n]*,)?[ \t]*"?{}"?[ \t]*([,\r\n]|\Z))'
+MARK = r"\A(\xef\xbb\xbf)?" + "".join(map(COLUMN.format, REQUIRED))
+FORMAT = Format("labels CSV", {".csv": MARK.encode()}, read, write, LOSSES, by_frame=True)
 
 
 def read_curves(

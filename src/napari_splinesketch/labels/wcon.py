@@ -1,6 +1,5 @@
 """WCON, the Worm tracker Commons Object Notation: (x, y), in physical units where known."""
 
-import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -11,12 +10,13 @@ from jaxtyping import Float
 from napari_splinesketch import __version__
 from napari_splinesketch.engine.types import Array
 from napari_splinesketch.labels import json_tree
-from napari_splinesketch.labels.format import Format, Source, blamed, name_in_zip, unpacked
+from napari_splinesketch.labels.format import Format, Source, blamed, unpacked
 from napari_splinesketch.labels.table import whole
 from napari_splinesketch.labels.types import NO_PIXEL_SIZE, AnyLabels, Label, Labels, unit_of
 
 OURS = "@splinesketch"
-UNITS = re.compile(rb'"units"\s*:\s*\{(?=[^{}]*"t"\s*:)(?=[^{}]*"x"\s*:)[^{}]*"y"\s*:')
+UNITS = rb'"units"\s*:\s*\{(?=[^{}]*"t"\s*:)(?=[^{}]*"x"\s*:)[^{}]*"y"\s*:'
+PACKED = rb"\.(wcon|json)\Z"
 PIXEL = {"", "1", "px", "pixel", "pixels"}
 
 
@@ -130,13 +130,5 @@ def _origin(record: json_tree.Node, axis: str, count: int) -> Float[Array, " T"]
     return np.broadcast_to(values, count)
 
 
-def claims(ending: str, head: bytes) -> bool:
-    """Whether a file is WCON, by the units in it, or a zip of one, by its first file's name."""
-    return (
-        ending == ".wcon"
-        or name_in_zip(head).endswith((b".wcon", b".json"))
-        or bool(UNITS.search(head))
-    )
-
-
-FORMAT = Format("WCON", (".wcon", ".json", ".wcon.zip", ".zip"), read, write, claims=claims)
+MARKS = {".wcon": b"", ".json": UNITS, ".wcon.zip": PACKED, ".zip": PACKED}
+FORMAT = Format("WCON", MARKS, read, write)
