@@ -25,6 +25,7 @@ BEYOND = 2**30
 """Where Windows locks a byte: what it locks cannot be read."""
 SAID_WHEN_FULL = ("No space left", "File too large", "requested and")
 """What NumPy and HDF5 say of a full disk: their errors have no number."""
+WHEN_FULL = "no space left on the disk; make some and try again"
 
 
 class BusyError(OSError):
@@ -53,7 +54,12 @@ def atomic(
             with temporary.open("rb+") as file:
                 os.fsync(file.fileno())
         _hand_down(target, temporary)
-        _publish(temporary, target, overwrite)
+        if not overwrite:
+            with suppress(OSError):  # it is there by now, or the file system has no hard links
+                os.link(temporary, target)  # unlike a rename, never in place of another file
+                return
+            _refuse_existing(target)
+        os.replace(temporary, target)
 
 
 @contextmanager
@@ -214,12 +220,19 @@ def failure_of(error: Exception) -> str:
 
 @contextmanager
 def _beside(target: Path) -> Iterator[Path]:
+    """Give a temporary folder; where it cannot be made, or the disk is full, `target` is named."""
     folder = target.parent / _part_of(target, uuid4().hex)
     try:
-        with _full_disk(target):
-            with _named(target):
-                folder.mkdir(0o700)
-            yield folder
+        folder.mkdir(0o700)
+        yield folder
+    except (OSError, RuntimeError) as error:
+        number = getattr(error, "errno", None)
+        full = number in FULL or any(words in str(error) for words in SAID_WHEN_FULL)
+        if full and WHEN_FULL not in str(error):
+            raise OSError(number or errno.ENOSPC, WHEN_FULL, str(target)) from error
+        if isinstance(error, OSError) and error.filename == str(folder):
+            raise OSError(number, error.strerror, str(target)) from error
+        raise
     finally:
         try:
             shutil.rmtree(folder, ignore_errors=True)
@@ -232,29 +245,6 @@ def _part_of(target: Path, which: str) -> str:
     return f".{hashlib.sha256(os.fsencode(target.name)).hexdigest()[:32]}-{which}.part"
 
 
-@contextmanager
-def _named(target: Path) -> Iterator[None]:
-    """Let an error of the system name the file that is wanted, rather than a temporary one."""
-    try:
-        yield
-    except OSError as error:
-        raise OSError(error.errno, error.strerror, str(target)) from error
-
-
-@contextmanager
-def _full_disk(target: Path) -> Iterator[None]:
-    """Say what to do about a full disk, and which file it is about, where that is not said yet."""
-    remedy = "no space left on the disk; make some and try again"
-    try:
-        yield
-    except (OSError, RuntimeError) as error:
-        number = getattr(error, "errno", None)
-        full = number in FULL or any(words in str(error) for words in SAID_WHEN_FULL)
-        if full and remedy not in str(error):
-            raise OSError(number or errno.ENOSPC, remedy, str(target)) from error
-        raise
-
-
 def _hand_down(target: Path, temporary: Path) -> None:
     """Give a new file or folder the owner and the mode of the one that it replaces."""
     with suppress(OSError, AttributeError):  # nothing is replaced, or not ours, or Windows
@@ -263,15 +253,6 @@ def _hand_down(target: Path, temporary: Path) -> None:
             with suppress(OSError):
                 os.chown(temporary, old.st_uid, old.st_gid)
         temporary.chmod(stat.S_IMODE(old.st_mode))
-
-
-def _publish(temporary: Path, target: Path, overwrite: bool) -> None:
-    if not overwrite:
-        with suppress(OSError):  # it is there by now, or the file system has no hard links
-            os.link(temporary, target)  # unlike a rename, never in place of another file
-            return
-        _refuse_existing(target)
-    os.replace(temporary, target)
 
 
 def _refuse_existing(path: Path) -> None:
@@ -292,7 +273,10 @@ def _take(lock: Path, target: Path) -> tuple[int, bool]:
             raise OSError(error.errno, f"{who}; {remedy}", str(lock)) from error
         try:
             if (alone := _lock(descriptor)) is False:
-                raise BusyError(f"{target} is being written by {_owner(descriptor)}")
+                with open(descriptor, encoding="utf-8", errors="replace", closefd=False) as file:
+                    who = printable(file.read()) or "another process"  # which has only just begun
+                remedy = "wait until it is done, stop it, or choose another name"
+                raise BusyError(f"{target} is being written by {who}; {remedy}")
             with suppress(FileNotFoundError):
                 if os.path.samestat(os.fstat(descriptor), lock.stat()):
                     return descriptor, alone is True
@@ -325,10 +309,3 @@ def _lock(descriptor: int) -> bool | None:
             raise
         return None
     return True
-
-
-def _owner(descriptor: int) -> str:
-    """Say who owns a lock file, and what to do."""
-    with open(descriptor, encoding="utf-8", errors="replace", closefd=False) as file:
-        who = printable(file.read()) or "another process"  # which has only just begun
-    return f"{who}; wait until it is done, stop it, or choose another name"

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from functools import lru_cache
 from pathlib import Path
 
@@ -101,23 +101,16 @@ def _require_one_size(path: Path, every: Sequence[tifffile.TiffPageSeries]) -> N
 def _scale(file: tifffile.TiffFile) -> Scale:
     """Size of a pixel as OME or ImageJ wrote it."""
     if file.ome_metadata:
-        try:
-            return _ome_scale(file.ome_metadata)
-        except Exception:  # a bad description does no harm to the pixels
-            return None, None
-    if file.imagej_metadata:
+        with suppress(Exception):  # a bad description does no harm to the pixels
+            image = tifffile.xml2dict(file.ome_metadata)["OME"]["Image"]
+            pixels = (image[0] if isinstance(image, list) else image)["Pixels"]
+            sizes = [pixels[f"PhysicalSize{axis}"] for axis in "YX"]
+            units = [unit_of(str(pixels.get(f"PhysicalSize{axis}Unit", "µm"))) for axis in "YX"]
+            if min(sizes) > 0:
+                return in_one_unit(sizes, units)
+    elif file.imagej_metadata:
         unit = str(file.imagej_metadata.get("unit", ""))
         x, y = file.series[0].keyframe.resolution
         if unit and unit != "pixel" and x > 0 and y > 0:
             return (1 / y, 1 / x), unit_of(unit)
     return None, None
-
-
-def _ome_scale(xml: str) -> Scale:
-    """Take the size of the first image's pixels from its parsed description."""
-    image = tifffile.xml2dict(xml)["OME"]["Image"]
-    pixels = (image[0] if isinstance(image, list) else image)["Pixels"]
-    sizes = [pixels.get(f"PhysicalSize{axis}") for axis in "YX"]
-    units = [unit_of(str(pixels.get(f"PhysicalSize{axis}Unit", "µm"))) for axis in "YX"]
-    known = all(isinstance(size, (int, float)) and size > 0 for size in sizes)
-    return in_one_unit(sizes, units) if known else (None, None)

@@ -71,8 +71,12 @@ def open_zarr(address: str, channel: int | None, z: int | None) -> Iterator[Fram
         scale = units = None
         axes = "TCZYX"
         if isinstance(node, zarr.Group):
-            image = _image(node.attrs)
-            level = image["datasets"][0]
+            attributes: Any = node.attrs
+            # In the version 0.5 place, or the one before it.
+            images = attributes.get("ome", attributes).get("multiscales")
+            if not images:
+                raise ValueError("no multiscales metadata: give the folder of one image")
+            image, level = images[0], images[0]["datasets"][0]
             # Version 0.3 has names only, and those before it always have these five.
             named = image.get("axes", "tczyx")
             known = [{"name": axis} if isinstance(axis, str) else axis for axis in named]
@@ -129,14 +133,6 @@ def _patient(
         return read_again(index, pauses[1:])
 
     return read_again
-
-
-def _image(attributes: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Find the description of the image, in the version 0.5 place or the one before it."""
-    multiscales = attributes.get("ome", attributes).get("multiscales")
-    if not multiscales:
-        raise ValueError("no multiscales metadata: give the folder of one image")
-    return multiscales[0]
 
 
 def _scale(axes: Sequence[Mapping[str, str]], *described: Mapping[str, Any]) -> Scale:

@@ -72,5 +72,6 @@ def _sketch(columns: dict[str, Any]) -> Label:
     return Label.from_sketch(points, frame=int(frames[0]), identity=number)
 
 
-MARKS = dict.fromkeys((".shapes.csv", ".csv"), rb"\A[^\n]*shape-type")
+MARK = rb"\A[^\n]*shape-type"
+MARKS = {".shapes.csv": MARK, ".csv": MARK}
 FORMAT = Format("napari Shapes CSV", MARKS, read, write, table.LOSSES)

@@ -58,9 +58,8 @@ def read(source: Source) -> Iterator[Label]:
     root = json_tree.read_json(source.path, packed[0])
     if "files" in root:
         source.notes.append("the file is one of several of an experiment: the others are not read")
-    data = root["data"]  # a single record needs no array
-    records = data if isinstance(data.value, list) else [data]
-    spines = [each for record in records for each in _spines(record)]
+    # A single record needs no array.
+    spines = [each for record in root["data"].each() for each in _spines(record)]
     ours = OURS in root
     source.head = json_tree.read_head(root[OURS]) if ours else _foreign_head(source, root)
     scale = (source.head.scale if ours else None) or (1.0, 1.0)
@@ -99,10 +98,8 @@ def _foreign_head(source: Source, root: json_tree.Node) -> Labels:
 def _spines(record: json_tree.Node) -> Iterator[tuple[json_tree.Node, float, Float[Array, "N 2"]]]:
     """Give time and line of a record's animal, at one time or several, in the file's units."""
     _, times = record["id"], record["t"]
-    if not isinstance(times.value, list):
-        xs, ys, when = [record["x"]], [record["y"]], [times.number()]
-    else:
-        xs, ys, when = list(record["x"]), list(record["y"]), times.numbers().tolist()
+    when, several = [time.number() for time in times.each()], isinstance(times.value, list)
+    xs, ys = (list(record[axis]) if several else [record[axis]] for axis in "xy")
     if not len(xs) == len(ys) == len(when):
         raise record.error(f"t, x and y have {len(when)}, {len(xs)} and {len(ys)} elements")
     oy, ox = _origin(record, "y", len(when)), _origin(record, "x", len(when))
