@@ -147,12 +147,5 @@ def _by_hand(
     knots: Float[np.ndarray, "K 3"], half_width: Float[np.ndarray, " P"], residual: float
 ) -> Curve:
     """Make the curve through some knots: nothing is known of how well it lies."""
-    return Curve(
-        knots,
-        spline.sample(knots[:, :2], POINTS),
-        half_width,
-        np.full(POINTS, np.inf),
-        "check",
-        (BY_HAND,),
-        residual,
-    )
+    points, nothing_known = spline.sample(knots[:, :2], POINTS), np.full(POINTS, np.inf)
+    return Curve(knots, points, half_width, nothing_known, "check", (BY_HAND,), residual)

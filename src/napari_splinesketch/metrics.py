@@ -187,14 +187,9 @@ class Comparison:
 def compare(
     frames: Iterable[Sequence[Sequence[Real[np.ndarray, "_ 2"]]]], *, tolerance: float
 ) -> Comparison:
-    """Match the curves of each frame one to one with its truths, and measure the pairs.
+    """Match the curves of each frame one to one with its truths, as in `match`; measure the pairs.
 
-    Parameters
-    ----------
-    frames
-        Curves and truths of each.
-    tolerance
-        Largest average DTW of a pair, px.
+    `frames` gives curves and truths of each.
     """
     ours = theirs = 0
     found = list[tuple[float, float, float]]()

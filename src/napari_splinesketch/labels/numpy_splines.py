@@ -1,6 +1,6 @@
 """Splines as arrays, as detectors predict them: read only, as sketches."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -47,22 +47,18 @@ def read(source: Source) -> Iterator[Label]:
 def _array(path: Path) -> Shaped[Array, "..."]:
     """Open the array of a file, which is not held in memory, or of an archive, which is."""
     with open_regular(path) as file:
-        if file.read(2) == b"PK":
-            file.seek(0)
-            return _of_archive(path, np.load(file))
-    found = np.load(path, mmap_mode="r")
-    if found.offset + found.nbytes < path.stat().st_size:
-        raise ValueError("it continues after its last number")
-    return found
-
-
-def _of_archive(path: Path, found: Mapping[str, Array]) -> Array:
-    names = [NAME] if NAME in found else list(found)
-    if len(names) != 1:
-        holds = ", ".join(names[:10]) or "nothing"
-        reason = f"holds {holds}; expected one array, or one named {NAME}"
-        raise LabelsError(path, "", reason)
-    return np.asarray(found[names[0]])  # bytes, where it is a zip of something else
+        if file.read(2) != b"PK":
+            found = np.load(path, mmap_mode="r")
+            if found.offset + found.nbytes < path.stat().st_size:
+                raise ValueError("it continues after its last number")
+            return found
+        file.seek(0)
+        found = np.load(file)
+        names = [NAME] if NAME in found else list(found)
+        if len(names) != 1:
+            holds = ", ".join(names[:10]) or "nothing"
+            raise LabelsError(path, "", f"holds {holds}; expected one array, or one named {NAME}")
+        return np.asarray(found[names[0]])  # bytes, where it is a zip of something else
 
 
 MARKS = {".npy": rb"\A\x93NUMPY[^\n]*'shape': *\((\d+, *){2,3}2,?\)", ".npz": rb"\.npy\Z"}

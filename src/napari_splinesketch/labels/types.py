@@ -167,18 +167,10 @@ class Labels:
         ids: Iterable[int] | None = None,
         **known: Any,
     ) -> Self:
-        """Label the curves of one frame.
+        """Label the refined curves of one frame.
 
-        Parameters
-        ----------
-        curves
-            Refined curves.
-        frame
-            Index of the image in its stack.
-        ids
-            Identity of each curve; None numbers them from 0.
-        known
-            Further attributes: scale, units, shape, provenance.
+        `ids` are their identities, from 0 by default; `known` is further attributes: scale, units,
+        shape, provenance.
         """
         identities = range(len(curves)) if ids is None else tuple(ids)
         if len(identities) != len(curves):

@@ -6,7 +6,6 @@ no test fits a scene with the model that drew it.
 
 from napari_splinesketch.metrics import resample
 from napari_splinesketch.synthetic.bodies import compress, rotate
-from napari_splinesketch.synthetic.drawing import Look
-from napari_splinesketch.synthetic.scenes import Scene, scene
+from napari_splinesketch.synthetic.drawing import Look, Scene, scene
 
 __all__ = ["Look", "Scene", "compress", "resample", "rotate", "scene"]

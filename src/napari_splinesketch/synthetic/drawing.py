@@ -1,6 +1,6 @@
-"""Draws bodies by exact distance to a tapered outline; background, specks and noise."""
+"""Scenes of bodies, drawn by exact distance to a tapered outline; background, specks and noise."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from typing import Literal
 
 import numpy as np
@@ -9,13 +9,15 @@ from scipy.ndimage import gaussian_filter
 
 from napari_splinesketch.engine.look.band import band
 from napari_splinesketch.metrics import POINTS, nearest, resample
-from napari_splinesketch.synthetic.bodies import Points
+from napari_splinesketch.synthetic.bodies import Points, place
 
 _SUPERSAMPLING = 4
 _FINE_STEP = 0.25
 _TEXTURE_SIZE = 2.0
 _SPECK_BRIGHTNESS = (0.4, 1.0)
 _SPECK_SIZE = (0.3, 0.8)
+_LENGTHS = (0.8, 1.1)
+_WIDTHS = (0.83, 1.17)
 
 Frame = Float[np.ndarray, "H W"]
 
@@ -100,6 +102,96 @@ class Finish:
         )
 
 
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A generated frame and everything true about it."""
+
+    image: Float[np.ndarray, "H W"]
+    """(H, W) float32: what a camera would give."""
+    clean: Float[np.ndarray, "H W"]
+    """(H, W): the same without noise."""
+    background: Float[np.ndarray, "H W"]
+    """(H, W): the same without noise and bodies."""
+    noise_sd: Float[np.ndarray, "H W"]
+    """(H, W): standard deviation of `image` minus `clean`."""
+    centrelines: tuple[Points, ...]
+    """One (100, 2) array per body, uniform in arc length, px."""
+    half_widths: tuple[Float[np.ndarray, "100"], ...]
+    """One (100,) array per body: distance from the centreline to the edge, px."""
+    finishes: tuple[Finish, ...]
+    """Brightness and shading of each body."""
+    look: Look
+    """The settings it was drawn with."""
+
+
+def scene(
+    seed: int,
+    *,
+    bodies: int = 1,
+    shape: tuple[int, int] = (128, 128),
+    length: float = 100.0,
+    half_width: float = 3.0,
+    bend: float = 1.0,
+    crossing: bool | None = None,
+    margin: float = 5.0,
+    shared: float = 0.4,
+    **look: object,
+) -> Scene:
+    """Generate a frame of slender bodies; the same arguments always give the same frame.
+
+    Parameters
+    ----------
+    seed
+        Seed of every random draw.
+    bodies
+        Number of bodies.
+    shape
+        Height and width of the frame, px.
+    length
+        Typical length, px; each body's is 0.8-1.1 times as much.
+    half_width
+        Typical half-width, px; each body's is 0.83-1.17 times as much.
+    bend
+        Strength of bending: 0 straight, 1 mostly C and S shapes.
+    crossing
+        Whether every body but the first crosses an earlier one; by default for 2 or 3 bodies.
+    margin
+        Smallest distance of a centreline from the frame's border, px; negative lets bodies
+        leave the frame.
+    shared
+        Largest share of a body's length that may lie within two half-widths of another body's
+        centreline: 1 allows bodies side by side.
+    **look
+        Settings of `Look` to use in place of random ones.
+
+    Raises
+    ------
+    ValueError
+        If the bodies do not fit into the frame, or a setting is unknown.
+    """
+    unknown = set(look) - {field.name for field in fields(Look)}
+    if unknown:
+        raise ValueError(f"Unknown settings {sorted(unknown)}; `Look` lists the known ones.")
+    rng = np.random.default_rng(seed)
+    chosen = replace(Look.draw(rng), **look)  # pyright: ignore[reportArgumentType]
+    must_cross = crossing if crossing is not None else bodies in (2, 3)
+    widths = half_width * rng.uniform(*_WIDTHS, bodies)
+    how = {"across": must_cross, "shared": shared}
+    centrelines: tuple[Points, ...] = ()
+    for width in widths:
+        size = length * rng.uniform(*_LENGTHS)
+        body = place(rng, size, width, bend, shape, margin, centrelines, **how)
+        centrelines += (body,)
+    half_widths = tuple(width * taper(chosen) for width in widths)
+    finishes = tuple(Finish.draw(rng, chosen) for _ in widths)
+    drawn = draw_bodies(centrelines, half_widths, finishes, chosen, shape)
+    texture = texture_of(rng, chosen, shape)
+    drawn = drawn * texture + specks_of(rng, chosen, half_width, shape)
+    background, clean, noise_sd, image = taken(rng, drawn, chosen, chosen.blur)
+    image = image.astype(np.float32)
+    return Scene(image, clean, background, noise_sd, centrelines, half_widths, finishes, chosen)
+
+
 def taper(look: Look, points: int = POINTS) -> Float[np.ndarray, " points"]:
     """Half-width along a body, relative to its largest, at points uniform in arc length."""
     from_end = np.minimum(np.linspace(0, 1, points), np.linspace(1, 0, points))
@@ -123,13 +215,13 @@ def draw_body(
     pixels = _near(fine, half_width.max() + 1, shape)
     steps = (np.arange(_SUPERSAMPLING) + 0.5) / _SUPERSAMPLING - 0.5
     offsets = np.stack(np.meshgrid(steps, steps, indexing="ij"), axis=-1).reshape(-1, 2)
-    distance, place = nearest((pixels[:, None] + offsets).reshape(-1, 2), fine)
-    width = np.interp(place, np.linspace(0, 1, len(half_width)), half_width)
+    distance, along = nearest((pixels[:, None] + offsets).reshape(-1, 2), fine)
+    width = np.interp(along, np.linspace(0, 1, len(half_width)), half_width)
     # A ramp one sample wide makes the area inside the outline exact to second order.
     inside = np.clip(0.5 + (width - distance) * _SUPERSAMPLING, 0, 1)
     roundness = np.sqrt(np.clip(1 - (distance / width) ** 2, 0, None))
     shade = look.flatness + (1 - look.flatness) * roundness
-    shade *= 1 + look.shading * np.cos(2 * np.pi * finish.waves * place + finish.phase)
+    shade *= 1 + look.shading * np.cos(2 * np.pi * finish.waves * along + finish.phase)
     return pixels, finish.brightness * (inside * shade).reshape(-1, len(offsets)).mean(axis=1)
 
 
