@@ -110,12 +110,9 @@ def is_part_of(path: Path, pattern: str) -> bool:
         return same_file(path, image) or is_inside(path, image)
     if path.suffix.lower() not in TIFFS + STILLS:
         return False
-    if image.is_dir():
-        found = [*image.iterdir(), image / path.name]
-    else:
-        beside = Path(pattern).parent / path.name
-        found = [*_matching(pattern), *([beside] if beside.match(Path(pattern).name) else [])]
-    return any(same_file(path, one) for one in found)
+    beside = (image if image.is_dir() else image.parent) / path.name
+    becomes = [beside] if image.is_dir() or beside.match(image.name) else []
+    return any(same_file(path, one) for one in (*_matching(pattern), *becomes))
 
 
 def _is_zarr(path: Path) -> bool:
@@ -189,9 +186,8 @@ def _numbered(film: Any, form: str) -> Callable[[int], np.ndarray]:
 @contextmanager
 def _folder(pattern: str, channel: int | None, z: int | None) -> Iterator[Frames]:
     folder = Path(pattern)
-    found = folder.iterdir() if folder.is_dir() else _matching(pattern)
     # Hidden files are no frames: macOS puts one beside each file.
-    shown = (path for path in found if not path.name.startswith("."))
+    shown = (path for path in _matching(pattern) if not path.name.startswith("."))
     paths = sorted((path for path in shown if path.suffix.lower() in TIFFS + STILLS), key=_natural)
     if not paths:
         raise ImageError(f"{pattern}: no such image, and no folder or glob with images in it")
@@ -216,7 +212,9 @@ def _folder(pattern: str, channel: int | None, z: int | None) -> Iterator[Frames
 
 
 def _matching(pattern: str) -> list[Path]:
-    """Give what fits a glob; the brackets of a folder that is there are its name."""
+    """Give what is in a folder, or fits a glob: the brackets of a folder there are its name."""
+    if os.path.isdir(pattern):
+        return [*Path(pattern).iterdir()]
     folder, name = os.path.split(pattern)
     known = os.path.isdir(folder)
     return [*map(Path, glob(os.path.join(escape(folder) if known else folder, name)))]

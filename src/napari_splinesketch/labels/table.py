@@ -18,7 +18,7 @@ from jaxtyping import Float
 from napari_splinesketch.engine.types import Array
 from napari_splinesketch.files import counted
 from napari_splinesketch.geometry import width_growth
-from napari_splinesketch.labels.format import Format, Source, open_regular
+from napari_splinesketch.labels.format import Format, LabelsError, Source, open_regular
 from napari_splinesketch.labels.types import MAX_INTEGER, AnyLabels, Facts, Label, Labels
 
 WHOLE = "a whole number from 0 to 2^63-1"
@@ -146,11 +146,9 @@ class _Scale:
             off = np.abs(columns[name] - expected)
             agree = off <= SCALE_TOLERANCE * np.abs(expected) + 1e-300
             if not (size > 0 and agree.all()):
-                self._source.place = f"line {lines[int(np.argmin(agree))]}"
-                raise ValueError(
-                    f"{name} is not {pixel} times one scale; correct it or remove columns "
-                    "y, x, half_width_units, units"
-                )
+                reason = f"{name} is not {pixel} times one scale; correct it or remove columns "
+                line = lines[int(np.argmin(agree))]
+                raise _wrong(self._source, line, f"{reason}y, x, half_width_units, units")
 
     def head(self) -> Labels:
         """Give the scale; where one axis does not tell it, pixels are taken as square."""
@@ -216,8 +214,8 @@ def read_curves(
             for number, (line, text) in enumerate(zip(lines, texts.get(count, ()), strict=False)):
                 found = _value(source, count, int, line, text) if text else number
                 if found != number:
-                    source.place = f"line {line}"
-                    raise ValueError(f"{count} is {found}; expected {number}, counting from 0")
+                    reason = f"{count} is {found}; expected {number}, counting from 0"
+                    raise _wrong(source, line, reason)
             yield lines, columns
 
 
@@ -229,9 +227,12 @@ def _shared(
     value = _value(source, name, kind, first, above) if above or needed else ""
     for line, text in rows:
         if text != above:
-            source.place = f"line {line}"
-            raise ValueError(f"{name} differs from {value!r} on line {first}")
+            raise _wrong(source, line, f"{name} differs from {value!r} on line {first}")
     return value
+
+
+def _wrong(source: Source, line: int, reason: str) -> LabelsError:
+    return LabelsError(source.path, f"line {line}", reason)
 
 
 def _value(source: Source, name: str, kind: type | float, line: int, text: str) -> Any:
@@ -244,9 +245,8 @@ def _value(source: Source, name: str, kind: type | float, line: int, text: str) 
         # Python takes 1_5 for 15.
         return float(text.replace("_", " ")) if text or kind is float else kind
     except ValueError:
-        source.place = f"line {line}"
         wanted = WHOLE if kind is int else "a number"
-        raise source.error(f"{name} is {text[:40]!r}; expected {wanted}") from None
+        raise _wrong(source, line, f"{name} is {text[:40]!r}; expected {wanted}") from None
 
 
 def _table(source: Source, file: TextIO) -> Iterator[tuple[int, Sequence[str]]]:
@@ -260,13 +260,12 @@ def _table(source: Source, file: TextIO) -> Iterator[tuple[int, Sequence[str]]]:
                 continue
             size = size or len(fields)
             if empty or len(fields) != size:
-                source.place = f"line {empty or table.line_num}"
-                found = 0 if empty else len(fields)
-                raise source.error(f"{counted(found, 'field')}; the header has {size}")
+                line, found = (empty, 0) if empty else (table.line_num, len(fields))
+                raise _wrong(source, line, f"{counted(found, 'field')}; the header has {size}")
             yield table.line_num, fields
     except csv.Error as error:
-        source.place = f"line {table.line_num}"
-        raise source.error(f"not a line of a CSV table ({error})") from None
+        reason = f"not a line of a CSV table ({error})"
+        raise _wrong(source, table.line_num, reason) from None
     except UnicodeDecodeError as error:
         source.place = f"line {table.line_num + 1} or below"
         reason = f"not a text file in UTF-8 ({error.reason}); save it as CSV UTF-8"
