@@ -71,24 +71,23 @@ def atomic_folder(
     `replaces` says whether a folder that is there already may be replaced; a file never is.
     """
     target = Path(os.path.realpath(path))
-    if target.exists() and not (target.is_dir() and replaces(target)):
+    if not (target.is_dir() and replaces(target)):
         _refuse_existing(target)
     with _beside(target) as folder:
         temporary, old = folder / "new", folder / "old"
         temporary.mkdir()
         yield temporary
         _hand_down(target, temporary)
-        if not target.exists():
-            temporary.rename(target)
-        elif replaces(target):
-            target.rename(old)
-            try:
-                temporary.rename(target)
-            except BaseException:
-                old.rename(target)
-                raise
-        else:
+        if not (target.is_dir() and replaces(target)):  # it may have come in the meantime
             _refuse_existing(target)
+        try:
+            if target.exists():
+                target.rename(old)
+            temporary.rename(target)
+        except BaseException:
+            if old.exists():
+                old.rename(target)
+            raise
 
 
 @contextmanager

@@ -22,23 +22,19 @@ TOGETHER = 2**17
 
 
 def rasterise(
-    points: Float[Array, "N 2"],
-    half_width: Float[Array, " N"],
-    shape: tuple[int, int],
-    rows: tuple[int, int] | None = None,
+    points: Float[Array, "N 2"], half_width: Float[Array, " N"], shape: tuple[int, int]
 ) -> tuple[tuple[slice, slice], Float[Array, "h w"]] | None:
     """Find the pixels of a body: round at its ends, as wide as its half-width says, px.
 
     Gives the part of an image of (H, W) that lies around it, and in that the half-width minus the
     distance from the centreline, px, in 4 bytes: not negative inside the body, negative infinite
     where it is not near. None where the half-width is not known or the body lies outside the image.
-    `rows` are the first and last-plus-one that are drawn; None draws all.
     """
     if not np.all(np.isfinite(half_width)):
         return None
-    low, high = _window(points, half_width.max(), shape)
-    if rows:
-        low[0], high[0] = max(low[0], rows[0]), min(high[0], rows[1])
+    reach = half_width.max()
+    low = np.clip(np.floor(points.min(axis=0) - reach), 0, shape).astype(int)
+    high = np.clip(np.ceil(points.max(axis=0) + reach) + 1, 0, shape).astype(int)
     if np.any(high <= low):
         return None
     whole = high - low
@@ -88,24 +84,14 @@ def label_image(
         deepest = np.full(strip.shape, -1, np.float32)
         for number in np.flatnonzero((low < top + height) & (high > top - 1)).tolist():
             value, points, half_width = bodies[number]
-            drawn = rasterise(points, half_width, shape, (top, top + height))
+            drawn = rasterise(points - [top, 0], half_width, (len(strip), shape[1]))
             if drawn is None:
                 continue
-            (rows, cols), depth = drawn
-            place = slice(rows.start - top, rows.stop - top), cols
+            place, depth = drawn
             ours = (depth >= 0) & (depth > deepest[place])
             strip[place][ours] = value
             deepest[place][ours] = depth[ours]
     return image
-
-
-def _window(
-    points: Float[Array, "N 2"], reach: float, shape: tuple[int, ...]
-) -> tuple[Int[Array, " 2"], Int[Array, " 2"]]:
-    """First and last-plus-one pixel within `reach` of the points."""
-    low = np.clip(np.floor(points.min(axis=0) - reach), 0, shape).astype(int)
-    high = np.clip(np.ceil(points.max(axis=0) + reach) + 1, 0, shape).astype(int)
-    return low, high
 
 
 def _depth(

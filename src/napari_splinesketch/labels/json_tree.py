@@ -62,10 +62,6 @@ class Node:
         for i, element in enumerate(self.expected(list)):
             yield Node(self.path, f"{self.place}[{i}]", element)
 
-    def each(self) -> list["Node"]:
-        """Give the elements of an array; any other value alone."""
-        return list(self) if isinstance(self.value, list) else [self]
-
     def parsed(self) -> "Node":
         """Give what a text holds as JSON; any other value as it is."""
         with suppress(TypeError, ValueError, RecursionError):

@@ -58,8 +58,9 @@ def read(source: Source) -> Iterator[Label]:
     root = json_tree.read_json(source.path, packed[0])
     if "files" in root:
         source.notes.append("the file is one of several of an experiment: the others are not read")
-    # A single record needs no array.
-    spines = [each for record in root["data"].each() for each in _spines(record)]
+    data = root["data"]  # a single record needs no array
+    records = data if isinstance(data.value, list) else [data]
+    spines = [each for record in records for each in _spines(record)]
     ours = OURS in root
     source.head = json_tree.read_head(root[OURS]) if ours else _foreign_head(source, root)
     scale = (source.head.scale if ours else None) or (1.0, 1.0)
@@ -98,7 +99,8 @@ def _foreign_head(source: Source, root: json_tree.Node) -> Labels:
 def _spines(record: json_tree.Node) -> Iterator[tuple[json_tree.Node, float, Float[Array, "N 2"]]]:
     """Give time and line of a record's animal, at one time or several, in the file's units."""
     _, times = record["id"], record["t"]
-    when, several = [time.number() for time in times.each()], isinstance(times.value, list)
+    several = isinstance(times.value, list)
+    when = times.numbers().tolist() if several else [times.number()]
     xs, ys = (list(record[axis]) if several else [record[axis]] for axis in "xy")
     if not len(xs) == len(ys) == len(when):
         raise record.error(f"t, x and y have {len(when)}, {len(xs)} and {len(ys)} elements")

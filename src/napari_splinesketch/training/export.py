@@ -20,7 +20,7 @@ from napari_splinesketch.files import EXISTS, atomic_folder, checksum_of_file, o
 from napari_splinesketch.images.frames import Frames, checksum
 from napari_splinesketch.labels.formats import labelled, open_labels
 from napari_splinesketch.labels.types import AnyLabels, ByFrame, Label, in_frames
-from napari_splinesketch.raster import label_image, rasterise
+from napari_splinesketch.raster import Body, label_image
 from napari_splinesketch.training.split import LEFT_OUT, PARTS, Split
 
 MANIFEST = "manifest.json"
@@ -227,19 +227,16 @@ def _ignored(
     kept: Sequence[Label], others: Sequence[Label], mask: UInt16[Array, "H W"]
 ) -> Bool[Array, "H W"]:
     """Draw what is neither body nor background: the other curves and a margin around them."""
-    ignored = np.zeros(mask.shape, dtype=bool)
     wide = [label for label in kept if np.isfinite(label.half_width).all()]
     usual = float(np.median([np.median(label.half_width) for label in wide])) if wide else USUAL
+    bodies = list[Body]()
     # A curve that is kept but has no width has no mask either.
     for label in (*others, *(label for label in kept if label not in wide)):
         # A line without a width is a rough one: the body may be beside it.
         known = np.isfinite(label.half_width).all()
         reach = label.half_width if known else np.full(len(label.points), 2 * usual)
-        drawn = rasterise(label.points, reach + MARGIN, mask.shape)
-        if drawn is not None:
-            place, depth = drawn
-            ignored[place] |= depth >= 0
-    return ignored & (mask == 0)
+        bodies.append((1, label.points, reach + MARGIN))
+    return label_image(bodies, mask.shape, bool) & (mask == 0)
 
 
 def file_name(frame: int) -> str:
