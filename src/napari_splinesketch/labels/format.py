@@ -172,12 +172,16 @@ Read = Callable[[Source], Iterator[Label]]
 
 
 def unpacked(source: Source, endings: tuple[str, ...], what: str) -> Iterator[bytes]:
-    """Unpack the files of a zip with these endings, one after the other, within the limits."""
+    """Unpack the files of a zip with these endings, one by one, within the limits; or read one."""
     # zipfile raises anything on a broken archive.
     with (
         open_regular(source.path) as file,
         blamed(lambda why: source.error(f"not a zip of {what} ({why})"), Exception),
     ):
+        if source.path.name.lower().endswith(endings):
+            source.place = source.path.name
+            yield file.read()
+            return
         archive, room = zipfile.ZipFile(file), MAX_BYTES
         for info in archive.infolist():
             name = Path(info.filename).name  # macOS packs a file ._NAME with each one

@@ -10,14 +10,7 @@ from jaxtyping import Float
 from roifile import ROI_TYPE, ImagejRoi
 
 from napari_splinesketch.engine.types import Array
-from napari_splinesketch.labels.format import (
-    Format,
-    Source,
-    blamed,
-    checksum,
-    open_regular,
-    unpacked,
-)
+from napari_splinesketch.labels.format import Format, Source, blamed, checksum, unpacked
 from napari_splinesketch.labels.types import AnyLabels, Label
 
 LINES = (ROI_TYPE.LINE, ROI_TYPE.POLYLINE, ROI_TYPE.FREELINE)
@@ -57,7 +50,7 @@ def _roi(label: Label) -> ImagejRoi:
 
 def read(source: Source) -> Iterator[Label]:
     """Read lines from a zip of ROIs or from a single one; others than ours are numbered on."""
-    for content in _entries(source):
+    for content in unpacked(source, (".roi",), "ImageJ ROIs"):
         with blamed(lambda why: source.error(f"not an ImageJ ROI ({why})"), Exception):
             _require_whole(content)
             roi = ImagejRoi.frombytes(content)  # raises anything on broken bytes
@@ -66,16 +59,6 @@ def read(source: Source) -> Iterator[Label]:
             yield from _labels(source, roi, np.asarray(xy, dtype=np.float64)[:, ::-1])
         else:
             source.left_out[roi.roitype.name.lower()] += 1
-
-
-def _entries(source: Source) -> Iterator[bytes]:
-    """Give the bytes of each ROI."""
-    if source.path.suffix.lower() != ".roi":
-        yield from unpacked(source, (".roi",), "ImageJ ROIs")
-        return
-    with open_regular(source.path) as file:
-        source.place = source.path.name
-        yield file.read()
 
 
 def _require_whole(content: bytes) -> None:

@@ -7,13 +7,7 @@ import numpy as np
 from jaxtyping import Shaped
 
 from napari_splinesketch.engine.types import Array
-from napari_splinesketch.labels.format import (
-    Format,
-    LabelsError,
-    Source,
-    blamed,
-    open_regular,
-)
+from napari_splinesketch.labels.format import Format, LabelsError, Source, blamed, open_regular
 from napari_splinesketch.labels.types import Label
 
 NAME = "splines"
