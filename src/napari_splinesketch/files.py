@@ -133,8 +133,10 @@ def check_outputs(
     whether others are, where they exist.
     """
     for number, path in enumerate(outputs):
-        if any(_may_be_same(path, other) for other in outputs[:number]):
-            raise ValueError(f"two outputs have the same name, {path}; give each its own")
+        for other in outputs[:number]:
+            alike = {os.path.realpath(each).casefold() for each in (path, other)}
+            if same_file(path, other) or len(alike) == 1:  # some disks do not tell A from a
+                raise ValueError(f"two outputs have the same name, {path}; give each its own")
         if not path.parent.is_dir():
             raise FileNotFoundError(f"{path.parent}: no such folder; make it first")
         if is_input(path):
@@ -158,12 +160,6 @@ def same_file(path: str | os.PathLike[str], other: str | os.PathLike[str]) -> bo
         return os.path.samefile(path, other)
     except (OSError, ValueError):  # one of them does not exist
         return os.path.realpath(path) == os.path.realpath(other)
-
-
-def _may_be_same(path: Path, other: Path) -> bool:
-    """Tell whether two names are of one file, or would be where disks do not tell A from a."""
-    names = {os.path.realpath(each).casefold() for each in (path, other)}
-    return same_file(path, other) or len(names) == 1
 
 
 def is_inside(path: str | os.PathLike[str], folder: str | os.PathLike[str]) -> bool:

@@ -56,9 +56,9 @@ def _annotation(number: int, label: Label) -> dict[str, Any]:
     xy = label.points[:, ::-1]
     keypoints = np.column_stack([xy, np.full(len(xy), VISIBLE)])
     left, right = edges(xy, label.half_width)
-    polygon = np.concatenate([left, right[::-1]]) if np.isfinite(left).all() else None
-    box = xy if polygon is None else polygon
-    low, size = box.min(axis=0) + CORNER, np.ptp(box, axis=0)
+    known = np.isfinite(left).all()
+    polygon = np.concatenate([left, right[::-1]]) if known else xy
+    low, size = polygon.min(axis=0) + CORNER, np.ptp(polygon, axis=0)
     return {
         "id": number,
         "image_id": label.frame,
@@ -67,8 +67,8 @@ def _annotation(number: int, label: Label) -> dict[str, Any]:
         "keypoints": keypoints.ravel().tolist(),
         "num_keypoints": len(xy),
         "bbox": [*low.tolist(), *size.tolist()],
-        "area": 0.0 if polygon is None else area(polygon),
-        "segmentation": [] if polygon is None else [(polygon + CORNER).ravel().tolist()],
+        "area": area(polygon) if known else 0.0,
+        "segmentation": [(polygon + CORNER).ravel().tolist()] if known else [],
         "track_id": label.curve,
         "attributes": json_tree.own_members(label),
     }

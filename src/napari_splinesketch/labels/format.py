@@ -82,10 +82,8 @@ class Source:
     """Scale, units, shape and provenance, as far as they are known; no labels."""
     left_out: Counter[str] = field(default_factory=Counter)
     """What is not a line, and how often: "polygon", "point"."""
-    changed: list[tuple[Label, int | None]] = field(default_factory=list)
-    """Lines of ours that another program has changed, as sketches, with their plane, if any."""
-    others: list[tuple[Label, int]] = field(default_factory=list)
-    """Lines of another program, as sketches, with their plane, to be numbered on from ours."""
+    sketches: list[tuple[Label, int | None, bool]] = field(default_factory=list)
+    """Lines of another program, and those of ours (True) that it changed, with their plane."""
     notes: list[str] = field(default_factory=list)
     """Further sentences about what was left out."""
     _known: set[tuple[int, int]] = field(default_factory=set)
@@ -127,7 +125,7 @@ class Source:
         known = not told or (len(told) == 3 and told[2] == found[2] and near(found, told))
         if (known and plane is None and sds == size) or sds != widths:  # the latter is refused
             return (Label(line.frame, line.curve, line.points, *beside),)
-        self.changed.append((line, plane))
+        self.sketches.append((line, plane, True))
         return ()
 
     def _numbered(self) -> Iterator[Label]:
@@ -135,15 +133,14 @@ class Source:
 
         The plane of a line is its frame where all that have one are at time 0.
         """
-        taken = [curve for _, curve in self._known] + [label.curve for label, _ in self.changed]
-        numbers = count(max(taken, default=-1) + 1)
-        timed = any(label.frame for label, z in (*self.others, *self.changed) if z is not None)
-        for label, plane in self.changed:
-            label = label if timed or plane is None else replace(label, frame=plane)
-            again = (label.frame, label.curve) in self._known
-            yield replace(label, curve=next(numbers)) if again else label
-        for label, plane in self.others:
-            yield replace(label, curve=next(numbers), frame=label.frame if timed else plane)
+        lines = sorted(self.sketches, key=lambda each: not each[2])
+        taken = [line.curve for line, _, ours in lines if ours]
+        numbers = count(max([*taken, *(curve for _, curve in self._known)], default=-1) + 1)
+        timed = any(line.frame for line, plane, _ in lines if plane is not None)
+        for line, plane, ours in lines:
+            frame = line.frame if timed or plane is None else plane
+            free = ours and (frame, line.curve) not in self._known
+            yield replace(line, frame=frame, curve=line.curve if free else next(numbers))
 
     def frames(self, read: "Read") -> Iterator[tuple[Label, ...]]:
         """Give the labels of each frame; a frame that comes again is given again."""
@@ -153,8 +150,8 @@ class Source:
     def whole(self, labels: tuple[Label, ...]) -> Labels:
         """Put labels together with what was found beside them."""
         notes = self.notes
-        if self.changed:
-            what = f"{counted(len(self.changed), 'line')} changed in another program"
+        if changed := sum(ours for _, _, ours in self.sketches):
+            what = f"{counted(changed, 'line')} changed in another program"
             notes = [f"{what}: read as drawn, without half-width and standard error", *notes]
         if +self.left_out:
             counts = ", ".join(counted(n, what) for what, n in sorted((+self.left_out).items()))

@@ -90,7 +90,7 @@ def _labels(source: Source, feature: json_tree.Node) -> Iterator[Label]:
             yield from labels
         else:
             frame, z = (plane[axis].integer() if axis in plane else 0 for axis in "tz")
-            source.others.append((Label.from_sketch(points, frame=frame), z))
+            source.sketches.append((Label.from_sketch(points, frame=frame), z, False))
 
 
 def _own(properties: json_tree.Node) -> json_tree.Node | None:

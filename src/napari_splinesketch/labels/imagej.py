@@ -80,7 +80,7 @@ def _labels(source: Source, roi: ImagejRoi, points: Float[Array, "N 2"]) -> Sequ
     frame = roi.t_position - 1 if roi.t_position > 0 else plane
     lines = [line for line in roi.props.splitlines() if line.startswith(OURS)]
     if not lines:
-        source.others.append((Label.from_sketch(points, frame=frame), plane))
+        source.sketches.append((Label.from_sketch(points, frame=frame), plane, False))
         return ()
     try:
         own = dict(line.split(": ", 1) for line in lines)
