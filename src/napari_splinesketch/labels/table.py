@@ -174,6 +174,7 @@ def _factor(pixels: Float[Array, " N"], physical: Float[Array, " N"]) -> float |
 
 LOSSES = ("provenance", "empty")
 COLUMN = r'(?=([^\r\n]*,)?[ \t]*"?{}"?[ \t]*([,\r\n]|\Z))'
+"""A column of this name, somewhere in a header."""
 MARK = r"\A(\xef\xbb\xbf)?" + "".join(map(COLUMN.format, REQUIRED))
 FORMAT = Format("labels CSV", {".csv": MARK.encode()}, read, write, LOSSES, by_frame=True)
 
