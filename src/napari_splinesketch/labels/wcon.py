@@ -63,7 +63,7 @@ def read(source: Source) -> Iterator[Label]:
     spines = [each for record in records for each in _spines(record)]
     ours = OURS in root
     source.head = json_tree.read_head(root[OURS]) if ours else _foreign_head(source, root)
-    scale = (source.head.scale if ours else None) or (1.0, 1.0)
+    scale = source.head.scale or (1.0, 1.0)
     lines = [spine for spine in spines if len(spine[2]) > 1]
     source.left_out["animal"] = len(spines) - len(lines)
     times = {time: i for i, time in enumerate(sorted({time for _, time, _ in lines}))}
