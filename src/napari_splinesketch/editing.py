@@ -128,19 +128,16 @@ def body_width(curve: Curve) -> float:
 def _fitted(curves: Sequence[Curve], piece: slice = slice(None), share: float = 1.0) -> Curve:
     """Make a curve along others, or along a piece that is a share of their length."""
     points = np.concatenate([curve.points[piece] for curve in curves])
-    width = _known(np.concatenate([curve.half_width[piece] for curve in curves]))
+    width = np.concatenate([curve.half_width[piece] for curve in curves])
+    at, known = np.arange(len(width)), np.isfinite(width)
+    if known.any():  # elsewhere it is that of the nearest places
+        width = np.interp(at, at[known], width[known])
     knots = sum(len(curve.knots) for curve in curves)
     count = int(np.clip(knots if share == 1 else round(share * knots) + 2, SOME, MOST))
     even = spline.resample(np.column_stack([points, width]), POINTS)
     found, _ = knots_through(spline.resample(points, max(len(points), POINTS)), count)
     residual = max(curve.residual for curve in curves)
     return _by_hand(with_width(found, even[:, 2]), even[:, 2], residual)
-
-
-def _known(width: Float[np.ndarray, " P"]) -> Float[np.ndarray, " P"]:
-    """Half-widths along a curve; where none is known, that of the nearest places where one is."""
-    at, known = np.arange(len(width)), np.isfinite(width)
-    return np.interp(at, at[known], width[known]) if known.any() else width
 
 
 def _by_hand(

@@ -164,11 +164,6 @@ def write_json(path: Path, root: dict[str, object]) -> None:
         file.write("}\n")
 
 
-def finite_or_null(values: Float[Array, " N"]) -> list[float | None]:
-    """Give numbers for JSON, null where they are not finite."""
-    return [value if math.isfinite(value) else None for value in values.tolist()]
-
-
 def head_of(head: Labels) -> dict[str, object]:
     """Give the members that describe all labels together."""
     return {
@@ -191,12 +186,11 @@ def read_head(head: Node) -> Labels:
 
 def own_members(label: Label, unit: str = "") -> dict[str, object]:
     """Give our own members of a label; review and lock only where there is one."""
-    members: dict[str, object] = {
-        "status": label.status,
-        f"half_width{unit}": finite_or_null(label.half_width),
-        f"sd{unit}": finite_or_null(label.sd),
-        "checksum": checksum(label),
-    }
+    members: dict[str, object] = {"status": label.status}
+    for name, values in (("half_width", label.half_width), ("sd", label.sd)):
+        known = (value if math.isfinite(value) else None for value in values.tolist())
+        members[f"{name}{unit}"] = list(known)
+    members["checksum"] = checksum(label)
     said = {"review": label.review} if label.review != "open" else {}
     return members | said | ({"locked": True} if label.locked else {})
 
