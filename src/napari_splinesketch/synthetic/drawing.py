@@ -174,14 +174,12 @@ def scene(
         raise ValueError(f"Unknown settings {sorted(unknown)}; `Look` lists the known ones.")
     rng = np.random.default_rng(seed)
     chosen = replace(Look.draw(rng), **look)  # pyright: ignore[reportArgumentType]
-    must_cross = crossing if crossing is not None else bodies in (2, 3)
     widths = half_width * rng.uniform(*_WIDTHS, bodies)
-    how = {"across": must_cross, "shared": shared}
+    how = {"across": bodies in (2, 3) if crossing is None else crossing, "shared": shared}
     centrelines: tuple[Points, ...] = ()
     for width in widths:
         size = length * rng.uniform(*_LENGTHS)
-        body = place(rng, size, width, bend, shape, margin, centrelines, **how)
-        centrelines += (body,)
+        centrelines += (place(rng, size, width, bend, shape, margin, centrelines, **how),)
     half_widths = tuple(width * taper(chosen) for width in widths)
     finishes = tuple(Finish.draw(rng, chosen) for _ in widths)
     drawn = draw_bodies(centrelines, half_widths, finishes, chosen, shape)
