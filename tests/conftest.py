@@ -14,7 +14,7 @@ from importlib import import_module
 import pytest
 from hypothesis import settings
 
-from napari_splinesketch.batch.local import limit_threads
+from napari_splinesketch.batch.workers import limit_threads
 
 gc.disable()  # until all is imported: it is much, and none of it garbage
 

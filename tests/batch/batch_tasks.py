@@ -1,4 +1,4 @@
-"""Work for other processes, which must find it under a name: see `test_flow`."""
+"""Work for other processes, which must find it under a name: see `test_workers`."""
 
 import os
 import signal

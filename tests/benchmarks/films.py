@@ -34,7 +34,7 @@ from generated_films import Film, film
 from insert import insert
 
 from napari_splinesketch import refine, suggest
-from napari_splinesketch.batch.local import Local
+from napari_splinesketch.batch.workers import Local
 from napari_splinesketch.labels import Label, Labels, read_labels, write_labels
 from napari_splinesketch.metrics import average_dtw, normal_distances
 from napari_splinesketch.synthetic.bodies import crosses

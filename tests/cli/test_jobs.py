@@ -19,7 +19,7 @@ import pytest
 import tifffile
 from distributed import Client
 
-from napari_splinesketch.batch import cluster as clusters
+from napari_splinesketch.batch import workers
 from napari_splinesketch.batch.frame_task import FrameDone, FrameTask, Source
 from napari_splinesketch.cli import main
 from napari_splinesketch.images.frames import ImageError
@@ -250,7 +250,7 @@ def test_pixels_are_sent_where_workers_cannot_open_the_image(
     assert main([*COMMAND, "-o", "here.csv", "--overwrite"]) == 0
     here = [image for image, *_ in engine.calls]
     engine.calls.clear()
-    monkeypatch.setattr(clusters, "Cluster", lambda address: nullcontext(Elsewhere()))
+    monkeypatch.setattr(workers, "cluster", lambda address: nullcontext(Elsewhere()))
     assert main([*COMMAND, "-o", "sent.csv", "--scheduler", "tcp://elsewhere:1"]) == 0
     sent = [image for image, *_ in engine.calls]
     assert len(sent) == len(here) == FRAMES
@@ -269,7 +269,7 @@ def test_a_film_that_a_worker_finds_changed_is_not_mistaken(tmp_path: Path) -> N
 def test_a_scheduler_that_is_none_is_said_with_the_remedy(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(clusters, "PATIENCE", 0.3)
+    monkeypatch.setattr(workers, "PATIENCE", 0.3)
     for address in ("tcp://127.0.0.1:1", "nonsense://", "nonsense", ""):
         assert main([*COMMAND, "-o", "none.csv", "--scheduler", address]) == 2
         told = capsys.readouterr().err

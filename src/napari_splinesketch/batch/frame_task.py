@@ -15,8 +15,8 @@ import numpy as np
 from jaxtyping import Float, Real
 
 from napari_splinesketch import __version__
-from napari_splinesketch.batch.local import limit_threads
 from napari_splinesketch.batch.reports import FrameReport
+from napari_splinesketch.batch.workers import limit_threads
 from napari_splinesketch.files import failure_of
 from napari_splinesketch.images.frames import Frames, ImageError, checksum, is_url, open_frames
 from napari_splinesketch.labels import Label

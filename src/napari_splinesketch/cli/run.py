@@ -13,8 +13,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from napari_splinesketch import __version__
-from napari_splinesketch.batch import cluster
-from napari_splinesketch.batch.flow import DeadlyError, through
+from napari_splinesketch.batch import workers
 from napari_splinesketch.batch.frame_task import (
     Find,
     FrameDone,
@@ -25,7 +24,6 @@ from napari_splinesketch.batch.frame_task import (
     failed,
     sent,
 )
-from napari_splinesketch.batch.local import Local
 from napari_splinesketch.batch.partial import Partial
 from napari_splinesketch.batch.reports import FrameReport, Spool
 from napari_splinesketch.cli.jobs import FrameJob, SharedJob
@@ -84,12 +82,16 @@ class Run:
     _shape: tuple[int, ...] | None = field(default=None, init=False)
     _same: bool = field(default=False, init=False)
     _done: int = field(default=0, init=False)
-    _share: float = field(default=0.0, init=False)
+    _reached: float = field(default=0.0, init=False)
+
+    def reach(self, done: float) -> None:
+        """Report how many frames are done, counting parts of them; the count never falls."""
+        self._reached = max(self._reached, done)
+        self.report(self._reached, self.count)
 
     def part(self, share: float) -> None:
-        """Report how much of the frame in progress is done; the count never falls."""
-        self._share = max(self._share, share)
-        self.report(self._done + self._share, self.count)
+        """Report how much of the next frame is done."""
+        self.reach(self._done + share)
 
     def keep(self, done: FrameDone) -> None:
         """Keep a finished frame; what a library returns after Ctrl-C is not a result."""
@@ -109,7 +111,7 @@ class Run:
         self._count()
 
     def _count(self) -> None:
-        self._done, self._share = self._done + 1, 0.0
+        self._done += 1
         self.part(0.0)
 
     def shared(self, job: SharedJob, todo: Iterable[Todo]) -> None:
@@ -134,9 +136,11 @@ class Run:
             unreachable = True
             return task_of(task.frame, task.find, task.instead)
 
-        with Local(job.jobs) if address is None else cluster.Cluster(address) as workers:
-            for task, done in through(workers, do_frame, starmap(task_of, left), retry=again):
-                self.keep(failed(task, str(done)) if isinstance(done, DeadlyError) else done)
+        with workers.Local(job.jobs) if address is None else workers.cluster(address) as many:
+            tasks = starmap(task_of, left)
+            for task, done in workers.through(many, do_frame, tasks, retry=again):
+                dead = isinstance(done, workers.DeadlyError)
+                self.keep(failed(task, str(done)) if dead else done)
 
     def finished(self, frame: int) -> FrameReport | None:
         """Give the report of a frame that an earlier run has finished, of the same image; count it.

@@ -11,8 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from napari_splinesketch.batch.flow import DeadlyError, through
-from napari_splinesketch.batch.local import AHEAD, Local, limit_threads
+from napari_splinesketch.batch.workers import AHEAD, DeadlyError, Local, limit_threads, through
 
 
 @pytest.fixture
@@ -135,8 +134,7 @@ ORPHANS = """
 import sys, time
 sys.path.insert(0, {folder!r})
 import batch_tasks
-from napari_splinesketch.batch.flow import through
-from napari_splinesketch.batch.local import Local
+from napari_splinesketch.batch.workers import Local, through
 
 if __name__ == "__main__":
     with Local(1) as workers:
