@@ -84,13 +84,12 @@ class _Film:
     run: Run
     drawn: Mapping[int, Sequence[Label]]
     _here: dict[int, _Frame] = field(default_factory=dict, init=False)
-    _finished: int = field(default=0, init=False)
 
     def follow(
         self, frames: Sequence[int], bodies: Mapping[int, Body], contrast: float | None
     ) -> Iterator[FrameDone]:
         """Carry bodies through frames, and give each frame as it is done."""
-        began = time.perf_counter()
+        began, earlier = time.perf_counter(), self.run.count - len(frames)
         for tracked in follow(
             frames,
             bodies.values(),
@@ -98,13 +97,12 @@ class _Film:
             refine=self._refine,
             preset=self.job.preset,
             given=self._given,
-            on_progress=lambda told: self.run.part(told.fraction * len(frames) - self._finished),
+            on_progress=lambda told: self.run.reach(earlier + told.fraction * len(frames)),
             smooth=self.job.smooth == "on",
             pictures=False,
             contrast=contrast,
         ):
             yield self._done(tracked, time.perf_counter() - began)
-            self._finished += 1
             began = time.perf_counter()
 
     def _given(self, frame: int) -> Given:
@@ -141,30 +139,24 @@ class _Film:
         return napari_splinesketch.refine(image, lines, preset, **look, **more)
 
     def _done(self, tracked: Tracked, seconds: float) -> FrameDone:
+        """Report every body, those without a curve too."""
         here = self._here.pop(tracked.frame)
         curves = {**here.curves, **tracked.by_id}
         error = here.error or tracked.error or None
+        told = [CurveReport.of(curve, number) for number, curve in curves.items()]
+        told = [replace(r, status=DRIFT) if r.curve in tracked.drifting else r for r in told]
+        for number, why in tracked.missing.items():
+            status = LOST if number in tracked.lost else MISSING
+            told.append(CurveReport(number, 0.0, None, None, status, (why,)))
         left_out = [d.failed() for d in self.drawn.get(tracked.frame, ()) if d.curve not in curves]
-        undone = (CurveReport.drawn(label, "failed", error or "") for label in left_out)
-        told = *_reports(curves, tracked), *undone
+        told += [CurveReport.drawn(label, "failed", error or "") for label in left_out]
         notes = tuple(ENTERED.format(*line.mean(0)) for line in tracked.entered)
         found = tracked.refinement if tracked.by_id.keys() - tracked.drifting else None
         contrast = abs(found.model.contrast) if found else None
         seen = here.sha256, notes, here.shape, contrast
-        report = FrameReport(tracked.frame, told, error, round(seconds, 3), *seen)
+        report = FrameReport(tracked.frame, tuple(told), error, round(seconds, 3), *seen)
         labels = Labels.from_curves(tuple(curves.values()), frame=tracked.frame, ids=curves)
         return FrameDone(report, (*labels.labels, *left_out))
-
-
-def _reports(curves: Mapping[int, Curve], tracked: Tracked) -> tuple[CurveReport, ...]:
-    """Report every body, those without a curve too."""
-    placed = [CurveReport.of(curve, number) for number, curve in curves.items()]
-    here = [replace(r, status=DRIFT) if r.curve in tracked.drifting else r for r in placed]
-    gone = [
-        CurveReport(number, 0.0, None, None, LOST if number in tracked.lost else MISSING, (why,))
-        for number, why in tracked.missing.items()
-    ]
-    return (*here, *gone)
 
 
 def _after(
