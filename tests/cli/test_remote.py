@@ -131,7 +131,7 @@ def test_the_other_commands_read_it_too(
 
 def test_a_worker_reads_it_itself(server: Server) -> None:
     with open_frames(f"{server.url}/film.zarr") as images:
-        source = Source.of(f"{server.url}/film.zarr", None, None, images)
+        source = Source(f"{server.url}/film.zarr", None, None, images.count)
     assert server.chunks() == []
     assert np.array_equal(pickle.loads(pickle.dumps(source)).read(3), FRAMES[3])
     assert server.chunks() == ["/film.zarr/0/c/3/0/0"]

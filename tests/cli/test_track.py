@@ -11,7 +11,8 @@ import pytest
 import tifffile
 
 import napari_splinesketch
-from napari_splinesketch.batch.reports import CurveReport, FrameReport, Spool
+from napari_splinesketch.batch.frame_task import CurveReport, FrameReport
+from napari_splinesketch.batch.partial import Spool
 from napari_splinesketch.cli import main, tracking
 from napari_splinesketch.cli.report import as_text
 from napari_splinesketch.labels import Label, Labels, read_labels, write_labels

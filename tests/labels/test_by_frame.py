@@ -7,8 +7,8 @@ from typing import Literal
 import numpy as np
 import pytest
 
+from napari_splinesketch.batch.frame_task import FrameReport
 from napari_splinesketch.batch.partial import Partial
-from napari_splinesketch.batch.reports import FrameReport
 from napari_splinesketch.labels import Labels, LabelsError, read_labels, table, write_labels
 from napari_splinesketch.labels.formats import open_labels
 from napari_splinesketch.labels.types import ByFrame, in_frames

@@ -9,16 +9,15 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
-from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float, Real
 
 from napari_splinesketch import __version__
-from napari_splinesketch.batch.reports import FrameReport
 from napari_splinesketch.batch.workers import limit_threads
+from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.files import failure_of
-from napari_splinesketch.images.frames import Frames, ImageError, checksum, is_url, open_frames
+from napari_splinesketch.images.frames import Frames, ImageError, checksum, open_frames
 from napari_splinesketch.labels import Label
 
 
@@ -31,7 +30,7 @@ class Source:
     """An image or film by its name."""
 
     pattern: str
-    """What `open_frames` takes."""
+    """What `open_frames` takes, whatever folder a worker is in."""
     channel: int | None
     z: int | None
     """`channel` and `z`: as there."""
@@ -39,13 +38,6 @@ class Source:
     """The number of frames it has."""
     run: str = field(default_factory=lambda: secrets.token_hex(8))
     """Identifies the run: the image may have changed between two of them."""
-
-    @classmethod
-    def of(cls, pattern: str, channel: int | None, z: int | None, images: Frames) -> "Source":
-        """Name an open image so that other processes find it, whatever folder they are in."""
-        if not is_url(pattern):
-            pattern = str(Path(pattern).absolute())
-        return cls(pattern, channel, z, images.count)
 
     def read(self, frame: int) -> Real[np.ndarray, "H W"]:
         """Read a frame; UnreachableError where the image cannot be found."""
@@ -70,6 +62,76 @@ def _opened(source: Source) -> Frames:
         counts = f"{images.count}; expected {source.count}"
         raise UnreachableError(f"{source.pattern}: the number of frames is {counts}")
     return images
+
+
+@dataclass(frozen=True)
+class CurveReport:
+    """One curve in numbers, px; None where nothing is known."""
+
+    curve: int
+    """Its identity."""
+    length: float
+    """Arc length."""
+    half_width: float | None
+    """Median along the curve."""
+    sd: float | None
+    """Median standard error along the normal."""
+    status: str
+    """One of "good", "check" or "failed"; "sketch" for a line that was only suggested; of a body
+    that is tracked, "drift" where it is not trusted, "missing" where it is not found, and "lost"
+    where it is not looked for any more."""
+    reasons: tuple[str, ...] = ()
+    """Why the status is not "good"."""
+
+    @classmethod
+    def of(cls, curve: Curve, identity: int) -> "CurveReport":
+        """Sum up a curve."""
+        return cls(
+            identity,
+            round(curve.length, 3),
+            _number(curve.typical_half_width),
+            _number(np.median(curve.sd)),
+            curve.status,
+            curve.reasons,
+        )
+
+    @classmethod
+    def drawn(cls, label: Label, status: str, *reasons: str) -> "CurveReport":
+        """Sum up a line that is not refined."""
+        return cls(label.curve, round(float(label.arc_length[-1]), 3), None, None, status, reasons)
+
+
+@dataclass(frozen=True)
+class FrameReport:
+    """One frame."""
+
+    frame: int
+    """Its number, from 0."""
+    curves: tuple[CurveReport, ...] = ()
+    """In the order of the sketches; empty where the frame could not be refined."""
+    error: str | None = None
+    """Why the frame could not be refined, or None."""
+    seconds: float = 0.0
+    """Wall time of the refinement."""
+    sha256: str | None = None
+    """Checksum of the pixels, or None where they could not be read."""
+    notes: tuple[str, ...] = ()
+    """What else there is to say, one sentence each: what came into view."""
+    shape: tuple[int, ...] | None = None
+    """(H, W) of the pixels, px, or None where they could not be refined."""
+    contrast: float | None = None
+    """That of the bodies that are tracked, or None: the next frame's are to have it, too."""
+
+    @classmethod
+    def from_json(cls, values: dict) -> "FrameReport":
+        """Make a report of what `asdict` gave."""
+        curves = tuple(
+            CurveReport(**{**curve, "reasons": tuple(curve["reasons"])})
+            for curve in values["curves"]
+        )
+        shape = values["shape"] and tuple(values["shape"])
+        more = {"curves": curves, "notes": tuple(values["notes"]), "shape": shape}
+        return cls(**{**values, **more})
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,18 +181,19 @@ def do_frame(task: FrameTask, tell: Tell = lambda share: None) -> FrameDone:
         image = task.read()
         digest = checksum(image)
         found = task.find(image, tell)
+        report = replace(found.report, shape=image.shape)
     except (ConnectionError, UnreachableError):
         raise
     except Exception as error:  # one bad frame must not stop the others
-        return failed(task, failure_of(error), time.perf_counter() - began, digest)
+        found = failed(task, failure_of(error))
+        report = found.report
     seconds = round(time.perf_counter() - began, 3)
-    report = replace(found.report, seconds=seconds, sha256=digest, shape=image.shape)
-    return replace(found, report=report)
+    return replace(found, report=replace(report, seconds=seconds, sha256=digest))
 
 
-def failed(task: FrameTask, why: str, seconds: float = 0.0, sha256: str | None = None) -> FrameDone:
+def failed(task: FrameTask, why: str) -> FrameDone:
     """Give the result of a frame for which that failed."""
-    return FrameDone(FrameReport(task.frame, (), why, round(seconds, 3), sha256), task.instead)
+    return FrameDone(FrameReport(task.frame, error=why), task.instead)
 
 
 def sent(images: Frames, frame: int) -> Callable[[], Real[np.ndarray, "H W"]]:
@@ -143,3 +206,7 @@ def sent(images: Frames, frame: int) -> Callable[[], Real[np.ndarray, "H W"]]:
 
 def _refuse(error: ImageError) -> Real[np.ndarray, "H W"]:
     raise error
+
+
+def _number(value: float | np.floating) -> float | None:
+    return round(float(value), 4) if np.isfinite(value) else None

@@ -1,9 +1,11 @@
-"""A run's finished frames, kept beside its output until the run is complete."""
+"""A run's finished frames, kept beside its output until it is complete; and their reports."""
 
 import json
 import os
 import shutil
-from collections.abc import Iterable, Mapping
+import tempfile
+import weakref
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict
 from itertools import islice
 from pathlib import Path
@@ -12,7 +14,7 @@ import numpy as np
 import tifffile
 from jaxtyping import Float
 
-from napari_splinesketch.batch.reports import FrameReport
+from napari_splinesketch.batch.frame_task import FrameReport
 from napari_splinesketch.files import atomic, atomic_folder
 from napari_splinesketch.labels import Label, Labels, LabelsError, table
 
@@ -46,9 +48,6 @@ class Partial:
             raise ValueError(
                 f"{self.folder} holds an interrupted run; continue it with --resume, or delete it"
             )
-        self._check()
-
-    def _check(self) -> None:
         try:
             theirs = json.loads(self._note.read_text(encoding="utf-8"))
         except ValueError:
@@ -136,6 +135,26 @@ class Partial:
     def _path(self, frame: int, suffix: str) -> Path:
         # Folders with a million files are slow on many file systems.
         return self.folder / f"{frame // FRAMES_A_FOLDER:06d}" / f"frame-{frame:09d}{suffix}"
+
+
+class Spool:
+    """Reports in an anonymous file: a long run has more of them than memory should hold."""
+
+    def __init__(self, reports: Iterable[FrameReport]) -> None:
+        self._file = tempfile.TemporaryFile("w+", encoding="utf-8")
+        weakref.finalize(self, self._file.close)
+        self._count = 0
+        for report in reports:
+            self._file.write(json.dumps(asdict(report)) + "\n")
+            self._count += 1
+
+    def __iter__(self) -> Iterator[FrameReport]:
+        self._file.seek(0)
+        for line in self._file:
+            yield FrameReport.from_json(json.loads(line))
+
+    def __len__(self) -> int:
+        return self._count
 
 
 def _write(path: Path, content: bytes) -> None:

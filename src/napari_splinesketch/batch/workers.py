@@ -149,9 +149,9 @@ def _begin(lifeline: Connection) -> None:
 
 
 def limit_threads(environment: MutableMapping[str, str]) -> None:
-    """Limit BLAS and XLA to one thread, unless the user has chosen; call before importing them.
+    """Let an environment limit BLAS and XLA to one thread, unless the user has chosen.
 
-    The environment is changed in place.
+    For processes that are yet to start, and for this one before it imports them.
     """
     for name in ONE_EACH:
         environment.setdefault(name, "1")

@@ -6,10 +6,9 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from functools import partial
-from importlib.resources import as_file, files
 from itertools import chain, count
 from pathlib import Path
 from pkgutil import resolve_name
@@ -28,7 +27,7 @@ if TYPE_CHECKING:
     from napari_splinesketch.cli.run import Outcome
 
 IMAGE, SKETCHES = "worms_dense.png", "worms_dense_sketches.csv"
-"""What the demo shows, in the package's data."""
+"""What the demo shows, of the package's data."""
 FOLDER = "splinesketch-demo"
 PROBE = "from qtpy.QtWidgets import QApplication; QApplication([])"
 KEPT = "finished frames are kept; add --resume to continue"
@@ -105,20 +104,19 @@ def _demo(job: jobs.DemoJob) -> int:
     if folder.exists() and not folder.is_dir():
         raise ValueError(f"{folder} is a file; name a folder, existing or new")
     folder.mkdir(parents=True, exist_ok=True)
-    data = files("napari_splinesketch.data")
-    with as_file(data / IMAGE) as image, as_file(data / SKETCHES) as sketches:
-        refine = jobs.RefineJob(
-            image=str(image),
-            sketches=sketches,
-            output=folder / "labels.csv",
-            overlay=folder / "overlay.png",
-            reconstruction=folder / "reconstruction.tif",
-            resume=True,
-            overwrite=job.overwrite,
-            json=job.json,
-            verbose=job.verbose,
-        )
-        return _frames("refining.run", refine)
+    ours = Path(__file__).parents[1] / "data"
+    refine = jobs.RefineJob(
+        image=str(ours / IMAGE),
+        sketches=ours / SKETCHES,
+        output=folder / "labels.csv",
+        overlay=folder / "overlay.png",
+        reconstruction=folder / "reconstruction.tif",
+        resume=True,
+        overwrite=job.overwrite,
+        json=job.json,
+        verbose=job.verbose,
+    )
+    return _frames("refining.run", refine)
 
 
 def why_no_window() -> str | None:
@@ -195,17 +193,12 @@ def _export_training(job: jobs.TrainingJob) -> int:
             name=images.name,
             overwrite=job.overwrite,
         )
-    return _show(job, manifest, _counts(job.output, manifest))
-
-
-def _counts(folder: Path, manifest: Mapping[str, Any]) -> Iterator[str]:
-    yield "part   frames  bodies"
-    for part, counts in manifest["counts"].items():
-        yield f"{part:5} {counts['frames']:7d} {counts['bodies']:7d}"
-    left_out = len(manifest["split"]["left_out"])
-    if left_out:
-        yield f"left out between the parts: {counted(left_out, 'frame')}"
-    yield f"written to {folder}"
+    counts = manifest["counts"].items()
+    text = ["part   frames  bodies"]
+    text += [f"{part:5} {n['frames']:7d} {n['bodies']:7d}" for part, n in counts]
+    if left_out := len(manifest["split"]["left_out"]):
+        text.append(f"left out between the parts: {counted(left_out, 'frame')}")
+    return _show(job, manifest, [*text, f"written to {job.output}"])
 
 
 COMMANDS: dict[str, tuple[type[jobs.Job], Callable[[Any], int]]] = {
@@ -220,7 +213,7 @@ COMMANDS: dict[str, tuple[type[jobs.Job], Callable[[Any], int]]] = {
 """The options of each command, with its help as their docstring, and the function that does it."""
 
 
-def _show(job: jobs.Job, values: object, text: Sequence[str] | Iterator[str]) -> int:
+def _show(job: jobs.Job, values: object, text: Sequence[str]) -> int:
     """Print a result; returns the exit code."""
     lines = json.dumps(values, indent=2).split("\n") if job.json else text
     return report.DONE if terminal.tell(lines) else report.FAILURES

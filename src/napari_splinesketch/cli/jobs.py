@@ -7,7 +7,7 @@ from inspect import cleandoc
 from pathlib import Path
 from typing import Literal
 
-from napari_splinesketch.cli.options import COUNT, POSITIVE, SHARE, check, opt
+from napari_splinesketch.cli.options import COUNT, POSITIVE, SHARE, flag_of, opt
 from napari_splinesketch.engine.settings import PresetName
 from napari_splinesketch.engine.types import Polarity
 from napari_splinesketch.files import check_outputs, owned, same_file
@@ -28,7 +28,12 @@ class Job:
     overwrite: bool = opt("replace existing files, but never an input file", default=False)
 
     def __post_init__(self) -> None:
-        check(self)
+        for one in fields(self):
+            words, fits = one.metadata.get("allowed", ("", lambda number: True))
+            value = getattr(self, one.name)
+            for number in value if isinstance(value, tuple) else (value,):
+                if number is not None and not fits(number):
+                    raise ValueError(f"{flag_of(one.name)} is {number}; give {words}")
 
     def files(self, role: Literal["read", "written"]) -> tuple[Path, ...]:
         """Give every file that is written, or that is read beside the image."""

@@ -29,16 +29,6 @@ def opt(
     return field(default=default, metadata={"help": text, "metavar": metavar, **more})
 
 
-def check(options: Any) -> None:
-    """Refuse numbers that are not allowed, with a ValueError."""
-    for one in fields(options):
-        words, fits = one.metadata.get("allowed", ("", lambda number: True))
-        value = getattr(options, one.name)
-        for number in value if isinstance(value, tuple) else (value,):
-            if number is not None and not fits(number):
-                raise ValueError(f"{flag_of(one.name)} is {number}; give {words}")
-
-
 def flag_of(name: str) -> str:
     """Give an option's name on the command line."""
     return f"--{name.replace('_', '-')}"

@@ -9,8 +9,7 @@ import numpy as np
 from jaxtyping import Real
 
 import napari_splinesketch
-from napari_splinesketch.batch.frame_task import FrameDone, Tell
-from napari_splinesketch.batch.reports import CurveReport, FrameReport
+from napari_splinesketch.batch.frame_task import CurveReport, FrameDone, FrameReport, Tell
 from napari_splinesketch.cli.jobs import RefineJob, SuggestJob
 from napari_splinesketch.cli.run import Outcome, Todo, is_judged, judged, open_run
 from napari_splinesketch.cli.terminal import Report
@@ -26,11 +25,7 @@ OPTIONS = ("preset", "polarity", "half_width", "seed")
 
 
 def run(job: RefineJob, report: Report) -> Outcome:
-    """Refine every frame that has sketches, and write the outputs.
-
-    A frame that cannot be refined is reported and its sketches come back as drawn, "failed".
-    Finished frames are kept beside the output until all outputs are written.
-    """
+    """Refine every frame that has sketches, and write the outputs."""
     sketches = in_frames(job.sized(open_labels(job.sketches)))
     with open_run(job, report, sketches) as work:
         work.count, work.alike = len(sketches.frames), bool(job.masks or job.reconstruction)
@@ -67,10 +62,7 @@ def refined(
     image: Real[np.ndarray, "H W"],
     tell: Tell,
 ) -> FrameDone:
-    """Refine the sketches of one frame, one at least, all together.
-
-    `options` are those of `napari_splinesketch.refine`; with `reconstruction`, that is given too.
-    """
+    """Refine the sketches of one frame together; with `reconstruction`, that is given too."""
     result = napari_splinesketch.refine(
         image,
         [label.points for label in sketches],
@@ -86,10 +78,7 @@ def refined(
 
 
 def suggest(job: SuggestJob, report: Report) -> Outcome:
-    """Suggest sketches on every frame, or on the one asked for, and write them.
-
-    A frame that cannot be read is reported, and the others continue.
-    """
+    """Suggest sketches on every frame, or on the one asked for, and write them."""
     with open_run(job, report) as work:
         images = work.images
         if job.frame is not None and not 0 <= job.frame < images.count:

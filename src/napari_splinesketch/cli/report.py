@@ -5,7 +5,8 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict
 
-from napari_splinesketch.batch.reports import CurveReport, FrameReport, Spool
+from napari_splinesketch.batch.frame_task import CurveReport, FrameReport
+from napari_splinesketch.batch.partial import Spool
 from napari_splinesketch.files import counted
 
 DONE, FAILURES, NOTHING, INTERRUPTED = 0, 1, 2, 130
@@ -67,11 +68,10 @@ def _in_words(total: dict[str, int]) -> str:
 
 
 def _curve_line(frame: int, curve: CurveReport) -> str:
+    numbers = (curve.length, 7, 1), (curve.half_width, 11, 2), (curve.sd, 7, 3)
+    cells = (f"{'–' if x is None else format(x, f'.{digits}f'):>{w}}" for x, w, digits in numbers)
     why = f": {'; '.join(curve.reasons)}" if curve.reasons else ""
-    return (
-        f"{frame:5d} {curve.curve:5d} {_cell(curve.length, 7, 1)} "
-        f"{_cell(curve.half_width, 11, 2)} {_cell(curve.sd, 7, 3)}  {curve.status}{why}"
-    )
+    return f"{frame:5d} {curve.curve:5d} {' '.join(cells)}  {curve.status}{why}"
 
 
 def _total(frames: Iterable[FrameReport], named: Sequence[str]) -> dict[str, int]:
@@ -80,7 +80,3 @@ def _total(frames: Iterable[FrameReport], named: Sequence[str]) -> dict[str, int
         statuses.update(curve.status for curve in frame.curves)
         lost += frame.error is not None
     return {**statuses, "frames not refined": lost}
-
-
-def _cell(value: float | None, width: int, digits: int) -> str:
-    return f"{'–' if value is None else format(value, f'.{digits}f'):>{width}}"

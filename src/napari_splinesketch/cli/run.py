@@ -17,6 +17,7 @@ from napari_splinesketch.batch import workers
 from napari_splinesketch.batch.frame_task import (
     Find,
     FrameDone,
+    FrameReport,
     FrameTask,
     Source,
     UnreachableError,
@@ -24,13 +25,12 @@ from napari_splinesketch.batch.frame_task import (
     failed,
     sent,
 )
-from napari_splinesketch.batch.partial import Partial
-from napari_splinesketch.batch.reports import FrameReport, Spool
+from napari_splinesketch.batch.partial import Partial, Spool
 from napari_splinesketch.cli.jobs import FrameJob, SharedJob
 from napari_splinesketch.cli.terminal import Report, was_interrupted
 from napari_splinesketch.engine.checks import check_call, check_options
 from napari_splinesketch.files import atomic, checksum_of_file, counted
-from napari_splinesketch.images.frames import Frames, ImageError, checksum, open_frames
+from napari_splinesketch.images.frames import Frames, ImageError, checksum, is_url, open_frames
 from napari_splinesketch.labels import Label, Labels, masks, table
 from napari_splinesketch.labels.formats import writer_of
 from napari_splinesketch.labels.types import AnyLabels, ByFrame
@@ -123,7 +123,9 @@ class Run:
                 read = partial(self.images.__getitem__, frame)
                 self.keep(do_frame(FrameTask(frame, read, find, instead), self.part))
             return
-        source, unreachable = Source.of(job.image, job.channel, job.z, self.images), False
+        image = job.image if is_url(job.image) else str(Path(job.image).absolute())
+        source = Source(image, job.channel, job.z, self.images.count)
+        unreachable = False
 
         def task_of(frame: int, find: Find, instead: tuple[Label, ...]) -> FrameTask:
             read = sent(self.images, frame) if unreachable else partial(source.read, frame)
@@ -134,7 +136,7 @@ class Run:
             if not isinstance(error, UnreachableError):
                 return None
             unreachable = True
-            return task_of(task.frame, task.find, task.instead)
+            return replace(task, read=sent(self.images, task.frame))
 
         with workers.Local(job.jobs) if address is None else workers.cluster(address) as many:
             tasks = starmap(task_of, left)
@@ -148,8 +150,7 @@ class Run:
         None where it could not be read, or killed its workers, and can be read by now. Pixels are
         compared for the first such frame, and where a file has been written since.
         """
-        pictured = bool(getattr(self.job, "reconstruction", None))
-        done = self.partial.done(frame, pictured=pictured)
+        done = self.partial.done(frame, pictured=bool(getattr(self.job, "reconstruction", None)))
         if done is None:
             return None
         if not done.sha256:
@@ -182,14 +183,13 @@ class Run:
         """Write the labels of all frames, in rising order, however many; `notes` come first."""
         reports = Spool(map(self.partial.finished, frames))
         labels = self._labels(reports)
-        writer = writer_of(self.job.output)
-        losses: tuple[str, ...] = ()
+        writer, output = writer_of(self.job.output), self.job.output
         if writer is table.FORMAT:  # as the frames are kept: there is nothing to be read
             numbers = (done.frame for done in reports)
-            self.put(self.partial.join, self.job.output, numbers, labels.head.scale)
+            self.put(self.partial.join, output, numbers, labels.head.scale)
         else:
-            losses = self.put(writer.write_whole, self.job.output, labels)
-        return Outcome(reports, (*notes, *losses), labels, self._written)
+            notes = (*notes, *self.put(writer.write_whole, output, labels))
+        return Outcome(reports, tuple(notes), labels, self._written)
 
     def put(self, write: Callable[..., T], path: Path, *content: Any) -> T:
         """Write an output; all of them take their places together, at the end of the run."""
@@ -237,9 +237,8 @@ def judged(number: int) -> Iterator[str]:
 def open_run(job: FrameJob, report: Report, drawn: AnyLabels | None = None) -> Iterator[Run]:
     """Open the image of a job; on success, outputs take their places and finished frames go.
 
-    `report` is called with the number of frames that are done, and with their total; what is
-    `drawn` gives the size of a pixel where neither the job nor the image does. What every frame or
-    the last output would fail for is refused at once.
+    What is `drawn` gives the size of a pixel where neither the job nor the image does. What every
+    frame or the last output would fail for is refused at once.
     """
     with open_frames(job.image, channel=job.channel, z=job.z) as images:
         check_call(None, getattr(job, "seed", 0))

@@ -8,14 +8,13 @@ from typing import Any
 import numpy as np
 
 import napari_splinesketch
-from napari_splinesketch.batch.frame_task import FrameDone
-from napari_splinesketch.batch.reports import CurveReport, FrameReport
+from napari_splinesketch.batch.frame_task import CurveReport, FrameDone, FrameReport
 from napari_splinesketch.cli.jobs import TrackJob
 from napari_splinesketch.cli.run import Outcome, Run, is_judged, judged, open_run
 from napari_splinesketch.cli.terminal import Report
 from napari_splinesketch.engine.types import Curve, Refinement
 from napari_splinesketch.files import counted, failure_of
-from napari_splinesketch.images.frames import Frames, ImageError, checksum
+from napari_splinesketch.images.frames import ImageError, checksum
 from napari_splinesketch.labels import Label, Labels, read_labels
 from napari_splinesketch.labels.types import in_frames
 from napari_splinesketch.tracking import Body, Given, Tracked, View, after, follow
@@ -27,17 +26,20 @@ DRIFT, MISSING, LOST = "drift", "missing", "lost"
 
 
 def run(job: TrackJob, report: Report) -> Outcome:
-    """Refine the sketches, carry the curves to the last frame, and write them all.
-
-    Sketches in later frames are refined there: new numbers join, known ones start again. A frame
-    that cannot be read or refined is reported, and the bodies are looked for in the next one.
-    """
+    """Refine the sketches, carry the curves to the last frame, and write them all."""
     sketches = job.sized(read_labels(job.sketches))
     drawn = {labels[0].frame: labels for labels in in_frames(sketches).read()}
     if not drawn:
         raise ValueError(f"{job.sketches} has no line; draw or suggest some in the first frame")
     with open_run(job, report, sketches) as work:
-        frames = _frames(job, work.images, min(drawn))
+        first, count = min(drawn), work.images.count
+        last = count - 1 if job.last is None else job.last
+        if not 0 <= first <= last < count:
+            raise ImageError(
+                f"cannot track from frame {first}, the first with sketches, to frame {last}: "
+                f"{work.images.name} has {count}, counted from 0"
+            )
+        frames = range(first, last + 1)
         work.count = len(frames)
         bodies: dict[int, Body] = {}
         left, contrast = list(frames), None
@@ -47,22 +49,12 @@ def run(job: TrackJob, report: Report) -> Outcome:
             del left[0]
         for result in _Film(job, work, drawn).follow(left, bodies, contrast):
             work.keep(result)
-        notes, last = [*sketches.head.notes], frames[-1]
+        notes = [*sketches.head.notes]
         if beyond := sum(label.frame > last for label in sketches.labels):
             lines = counted(beyond, "line")
             notes.append(f"left out: {lines} in frames after {last}, the last one")
         notes += judged(sum(map(is_judged, sketches.labels)))
         return work.write(frames, notes)
-
-
-def _frames(job: TrackJob, images: Frames, first: int) -> range:
-    last = images.count - 1 if job.last is None else job.last
-    if not 0 <= first <= last < images.count:
-        raise ImageError(
-            f"cannot track from frame {first}, the first with sketches, to frame {last}: "
-            f"{images.name} has {images.count}, counted from 0"
-        )
-    return range(first, last + 1)
 
 
 @dataclass(eq=False)
