@@ -7,12 +7,11 @@ import pytest
 
 from napari_splinesketch import Curve, refine
 from napari_splinesketch.tracking import Body, View
-from napari_splinesketch.tracking.bodies import INFERRED, curve_inferred
+from napari_splinesketch.tracking.bodies import INFERRED, Given, Tracked, curve_inferred
 from napari_splinesketch.tracking.drift import ShownPlaces, doubts, misleads
 from napari_splinesketch.tracking.follow import after
 from napari_splinesketch.tracking.motion import Predicted
 from napari_splinesketch.tracking.search import Search
-from napari_splinesketch.tracking.types import Given, Tracked
 
 from .test_follow import BRIGHT, LINE, FakeRefine, curve, moved
 

@@ -9,8 +9,8 @@ from scipy import ndimage
 
 from napari_splinesketch.engine.spline import apart, neighbours, resample
 from napari_splinesketch.engine.types import Array, Curve, Refinement
-from napari_splinesketch.tracking.bodies import Body
-from napari_splinesketch.tracking.types import Line, View
+from napari_splinesketch.tracking.bodies import Body, Line, View
+from napari_splinesketch.tracking.motion import directions
 
 LONGER = 1.3
 """Factor by which a body's length may change from what it usually is."""
@@ -101,11 +101,10 @@ def folds(body: Body, curve: Curve) -> bool:
 
 def _sharpest(points: Line, half_width: float) -> float:
     """The largest curvature of a line, mean over a body's width, 1 / px."""
-    step = np.diff(points, axis=0)
-    spacing = float(np.linalg.norm(step, axis=1).mean())
-    over = int(np.clip(round(2 * half_width / max(spacing, 1e-9)), 1, len(step) - 1))
-    angle = np.unwrap(np.arctan2(step[:, 1], step[:, 0]))
-    return float(np.abs(angle[over:] - angle[:-over]).max()) / (over * max(spacing, 1e-9))
+    angle = directions(points)
+    spacing = max(float(np.linalg.norm(np.diff(points, axis=0), axis=1).mean()), 1e-9)
+    over = int(np.clip(round(2 * half_width / spacing), 1, len(angle) - 1))
+    return float(np.abs(angle[over:] - angle[:-over]).max()) / (over * spacing)
 
 
 def distance(a: Line, b: Line) -> float:
@@ -204,9 +203,9 @@ def apart_from(
     return alone
 
 
-def on_others(line: Line, others: Sequence[Curve]) -> bool:
-    """Whether most of a line lies on other curves."""
-    return float(apart_from(line, others, SAME).mean()) < 1 - ALONG
+def lies_on(line: Line, other: Curve) -> bool:
+    """Whether most of a line lies on the body of a curve."""
+    return float(apart_from(line, [other], SAME).mean()) < 1 - ALONG
 
 
 def near_others(curves: Mapping[int, Curve], share: float = 0.0) -> dict[int, set[int]]:

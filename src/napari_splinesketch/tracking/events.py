@@ -2,7 +2,7 @@
 
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from itertools import pairwise
+from itertools import chain, pairwise
 
 import numpy as np
 from jaxtyping import Bool
@@ -10,10 +10,9 @@ from scipy.ndimage import binary_closing
 
 from napari_splinesketch.engine.spline import arc_length
 from napari_splinesketch.engine.types import Curve, Polarity
-from napari_splinesketch.tracking.bodies import Body
+from napari_splinesketch.tracking.bodies import Body, Line, View
 from napari_splinesketch.tracking.drift import apart_from, distance, mostly_on, turned
 from napari_splinesketch.tracking.motion import of_length
-from napari_splinesketch.tracking.types import Line, View
 
 LEFT, DIVIDED = "it left the image", "it divided into parts"
 """Why a body ends, other than that it is not found any more."""
@@ -55,10 +54,9 @@ def parts(
     line = of_length(curve.points, BEYOND * curve.length)
     step = BEYOND * curve.length / (len(line) - 1)
     shows = binary_closing(seen(line), iterations=max(round(HOLE * body.half_width / step), 1))
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], shows, [False]]))).reshape(-1, 2)
-    alone = apart_from(line, others)
-    runs = [(i * step, k * step) for i, k in edges.tolist() if alone[i:k].mean() > ALONE]
-    usual = body.length
+    alone, usual = apart_from(line, others), body.length
+    runs = np.ma.clump_masked(np.ma.array(line[:, 0], mask=shows))
+    runs = [(r.start * step, r.stop * step) for r in runs if alone[r].mean() > ALONE]
     for (begin, end), (start, stop) in pairwise(r for r in runs if r[1] - r[0] > PART * usual):
         one, other, gap = end - begin, stop - start, start - end
         whole = TOGETHER[0] * usual < one + other < TOGETHER[1] * usual
@@ -109,11 +107,7 @@ class Entering:
             for line in free
             if arc_length(line)[-1] > SHORTEST * usual
             and min(line.min(), (size - line).min()) < EDGE * half_width
-            and not any(
-                distance(turned(line, other), other) < MOVED * usual
-                for others in before
-                for other in others
-            )
+            and not any(distance(turned(line, x), x) < MOVED * usual for x in chain(*before))
         )
 
 

@@ -1,10 +1,12 @@
-"""Frame after frame: carry the bodies over, refine, doubt, look again."""
+"""Frame after frame: carry the bodies over, refine, doubt, look again; around a correction too."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError
 from dataclasses import dataclass, field, replace
 from functools import partial
+from itertools import takewhile
 from reprlib import repr as short
+from typing import Any
 
 import numpy as np
 
@@ -12,11 +14,10 @@ from napari_splinesketch.engine.checks import checked_image
 from napari_splinesketch.engine.settings import PRESETS, PresetName
 from napari_splinesketch.engine.types import Curve, OnProgress, Progress, Refinement, says_stop
 from napari_splinesketch.files import failure_of
-from napari_splinesketch.tracking.bodies import Body
-from napari_splinesketch.tracking.drift import ShownPlaces, misleads, near_others
+from napari_splinesketch.tracking.bodies import Body, Given, Line, Read, Refine, Tracked, View
+from napari_splinesketch.tracking.drift import ShownPlaces, distance, misleads, near_others
 from napari_splinesketch.tracking.events import DIVIDED, LEFT, Entering, Parts
-from napari_splinesketch.tracking.search import AT_ONCE, Found, Search
-from napari_splinesketch.tracking.types import Given, Line, Read, Refine, Tracked, View
+from napari_splinesketch.tracking.search import AT_ONCE, Search
 from napari_splinesketch.tracking.window import Window
 
 NOTHING = "nothing like it is there"
@@ -24,6 +25,10 @@ PATIENCE = 20
 """Frames for which a body that cannot be trusted is looked for, with the frames around them."""
 OUTSIDE = 0.5
 """Share of a body beyond the image's border with which it has left."""
+SAME = 0.5
+"""Half-widths between a curve and the one that was there, mean, within which they are one."""
+ENOUGH = 2
+"""Frames in succession in which all curves are what they were: beyond, nothing changes."""
 
 
 def follow(
@@ -92,9 +97,16 @@ def follow(
         from napari_splinesketch.engine.refine import refine
     search = partial(Search, refine=refine, preset=preset, shown=ShownPlaces())
     step = _Step(read, search, smooth, pictures, contrast)
-    window = Window(search, pictures)
-    for done, frame in enumerate(frames):
-        report = partial(_report, on_progress, frame, done, len(frames))
+    window, done = Window(search, pictures), 0
+
+    def report(progress: Progress) -> bool:
+        fraction = (done + progress.fraction) / len(frames)
+        told = Progress(f"frame {frame}: {progress.stage}", fraction)
+        if on_progress and says_stop(on_progress(told)):
+            raise CancelledError
+        return True
+
+    for frame in frames:
         try:
             report(Progress("reading the image", 0.0))
             kept = given(frame)
@@ -103,7 +115,7 @@ def follow(
         except CancelledError:
             yield from window.rest(decide=False)
             return
-        bodies = after(bodies, result, kept) | known
+        bodies, done = after(bodies, result, kept) | known, done + 1
         if smooth:
             yield from window.ready()
             if early and (held := window.latest()):
@@ -111,17 +123,6 @@ def follow(
         else:
             yield result
     yield from window.rest()
-
-
-def _report(
-    on_progress: OnProgress | None, frame: int, done: int, count: int, progress: Progress
-) -> bool:
-    if on_progress is None:
-        return True
-    fraction = (done + progress.fraction) / count
-    if says_stop(on_progress(Progress(f"frame {frame}: {progress.stage}", fraction))):
-        raise CancelledError
-    return True
 
 
 def after(bodies: Mapping[int, Body], result: Tracked, given: Given) -> dict[int, Body]:
@@ -180,7 +181,7 @@ class _Step:
         if search.refinement and any(one.trusted for one in found.values()):
             self.contrast = abs(search.refinement.model.contrast)
         gone = {body.id: LEFT for body in wanted if body not in inside}
-        judged = self._judged(frame, inside, found, gone, self._divided(search.parts))
+        judged = self._judged(frame, inside, search, gone)
         here = (*given.curves.values(), *judged.curves)
         refinement = search.refinement
         polarity = refinement.model.polarity if refinement else "auto"
@@ -195,24 +196,16 @@ class _Step:
             view=view,
         )
 
-    def _divided(self, parts: Mapping[int, Parts]) -> dict[int, str]:
-        """Say of bodies that they have divided: their parts move away from each other."""
-        before, self.parts = self.parts, parts
-        return {
-            number: f"{DIVIDED} of {one:.0f} and {other:.0f} px"
-            for number, (one, other, gap) in parts.items()
-            if number in before and gap > before[number][-1]
-        }
-
     def _judged(
-        self,
-        frame: int,
-        bodies: Sequence[Body],
-        found: Mapping[int, Found],
-        gone: Mapping[int, str],
-        divided: Mapping[int, str],
+        self, frame: int, bodies: Sequence[Body], search: Search, gone: Mapping[int, str]
     ) -> Tracked:
         """Sort what was found into trusted, drifting, missing and lost."""
+        found, before, self.parts = search.found, self.parts, search.parts
+        divided = {
+            number: f"{DIVIDED} of {one:.0f} and {other:.0f} px"
+            for number, (one, other, gap) in search.parts.items()
+            if number in before and gap > before[number][-1]  # they move away from each other
+        }
         missing, lost, patience = dict(gone), set(gone), PATIENCE if self.smooth else AT_ONCE
         curves, drifting = dict[int, Curve](), set[int]()
         for body in bodies:
@@ -236,3 +229,49 @@ def _inside(view: View, line: Line) -> bool:
     points = view.place.to_block(line)
     outside = ((points < 0) | (points > np.array(view.pixels.shape) - 1)).any(1)
     return float(outside.mean()) <= OUTSIDE
+
+
+def around(
+    ways: Sequence[Sequence[int]],
+    start: Sequence[Body],
+    read: Read,
+    there: Callable[[int], Mapping[int, Curve]],
+    *,
+    given: Callable[[int], Given],
+    **options: Any,
+) -> Iterator[Tracked]:
+    """Carry corrected curves on, each way until they are where they were before.
+
+    `ways` are the frames after and before the corrected one, the nearest first. All bodies but
+    those of `start` stay as they are. `there` gives all curves of a frame as they were, by number;
+    beyond a frame without any, nothing is carried, nor over what the user has decided, as `given`
+    says. The rest is as `follow` has it. Gives each frame in which a curve has changed, or has to
+    be changed for one beyond.
+    """
+    names = {body.id for body in start}
+
+    def kept(frame: int) -> Given:
+        others = {i: c for i, c in there(frame).items() if i not in names}
+        return Given({**others, **given(frame).curves}, leads=False)
+
+    def is_same(result: Tracked) -> bool:
+        """Whether all bodies are where they were, from head to tail."""
+        found, before = result.by_id, there(result.frame)
+        return all(
+            i in found
+            and i in before
+            and distance(found[i].points, before[i].points) < SAME * before[i].typical_half_width
+            for i in names - set(result.given)
+        )
+
+    for way in ways:
+        same: list[Tracked] = []
+        frames = [*takewhile(lambda t: there(t) and not names <= set(given(t).curves), way)]
+        for result in follow(frames, start, read, given=kept, **options):
+            if is_same(result):
+                same.append(result)
+                if len(same) == ENOUGH:
+                    break
+            else:
+                yield from (*same, result)
+                same = []

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy.lib.stride_tricks import sliding_window_view
 
-from napari_splinesketch.engine.spline import arc_length
+from napari_splinesketch.engine.spline import arc_length, tangents
 from napari_splinesketch.engine.types import Array
 
 BEFORE = 0.5
@@ -141,15 +141,13 @@ def _drift(older: Points, newer: Points, steps: float) -> Points:
 def _slide(older: Points, newer: Points, steps: float) -> Points:
     """Along its own path, and straight on beyond its end."""
     s = arc_length(newer)
-    tangent = np.gradient(newer, axis=0)
-    tangent /= np.linalg.norm(tangent, axis=1, keepdims=True) + 1e-9
-    along = float(((newer - older) * tangent).sum(1).mean()) * steps
+    along = float(((newer - older) * tangents(newer)).sum(1).mean()) * steps
     return _along(newer, s, s + along)
 
 
 def _wave(older: Points, newer: Points, steps: float) -> Points:
     """Its bends go on along it, as those of a swimmer do, while its middle goes on."""
-    before, now = _directions(older), _directions(newer)
+    before, now = directions(older), directions(newer)
     shifts, both = _shifts(len(now))
     apart = both * (now - sliding_window_view(np.pad(before, SHIFT), len(now)))
     count = both.sum(1)
@@ -174,7 +172,7 @@ def _shifts(count: int) -> tuple[np.ndarray, np.ndarray]:
     return shifts, ((before >= 0) & (before < count)).astype(float)
 
 
-def _directions(line: Points) -> Float[np.ndarray, " P-1"]:
+def directions(line: Points) -> Float[np.ndarray, " P-1"]:
     """Of its steps, rad."""
     step = np.diff(line, axis=0)
     return np.unwrap(np.arctan2(step[:, 1], step[:, 0]))

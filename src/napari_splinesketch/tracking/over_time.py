@@ -57,7 +57,9 @@ def kymograph(curves: Mapping[int, Curve], points: int = 100) -> Kymograph:
         curvature[at] = curvature_of(curve, points)
     tangent = np.gradient(lines, axis=1)
     tangent /= np.linalg.norm(tangent, axis=2, keepdims=True)
-    velocity = _velocity(lines)
+    step, none = np.diff(lines, axis=0), np.full((1, points, 2), np.nan)
+    both = np.stack([np.concatenate([none, step]), np.concatenate([step, none])])
+    velocity = np.ma.masked_invalid(both).mean(0).filled(np.nan)  # one of the two beside a gap
     left = np.stack([-tangent[..., 1], tangent[..., 0]], 2)
     return Kymograph(frames, curvature, (velocity * tangent).sum(2), (velocity * left).sum(2))
 
@@ -85,12 +87,3 @@ def mean_speed(before: Line | None, now: Line, after: Line | None) -> float:
     beside = ((before, now), (now, after))
     steps = [new - old for old, new in beside if old is not None and new is not None]
     return float(np.linalg.norm(np.mean(steps, axis=0), axis=1).mean()) if steps else float("nan")
-
-
-def _velocity(lines: Float[np.ndarray, "T P 2"]) -> Float[np.ndarray, "T P 2"]:
-    """Central differences; one-sided beside frames without a curve."""
-    step = np.diff(lines, axis=0)
-    none = np.full((1, *lines.shape[1:]), np.nan)
-    after, before = np.concatenate([step, none]), np.concatenate([none, step])
-    both = (after + before) / 2
-    return np.where(np.isnan(both), np.where(np.isnan(after), before, after), both)

@@ -16,10 +16,9 @@ from napari_splinesketch.engine.spline import arc_length, resample
 from napari_splinesketch.engine.types import Curve, OnProgress, Polarity, Progress, Refinement
 from napari_splinesketch.grids import slices
 from napari_splinesketch.tracking import drift
-from napari_splinesketch.tracking.bodies import INFERRED, Body, curve_inferred
+from napari_splinesketch.tracking.bodies import INFERRED, Body, Line, Refine, View, curve_inferred
 from napari_splinesketch.tracking.events import Parts, parts
 from napari_splinesketch.tracking.motion import Predicted
-from napari_splinesketch.tracking.types import Line, Refine, View
 
 LOCAL = Settings(traced=False)
 """Without a search through the traces: the nearest body is the one."""
@@ -90,6 +89,8 @@ class Search:
     contrast: float | None = None
     smooth: bool = True
     shown: drift.ShownPlaces = field(default_factory=drift.ShownPlaces)
+    found: dict[int, Found] = field(default_factory=dict, init=False)
+    """The best of each body, by number."""
     parts: dict[int, Parts] = field(default_factory=dict, init=False)
     """Of bodies that may have divided, by number."""
     refinement: Refinement | None = field(default=None, init=False)
@@ -104,14 +105,14 @@ class Search:
         """Place the bodies; gives what was found by number."""
         found = self.held([b for b in bodies if self.smooth and self._known(b)])
         rest = [body for body in bodies if body.id not in found]
-        self._attempt(rest, self._expected, self.preset, found)
+        self._attempt(rest, self._expected, self.preset)
         for number, preset in enumerate((self.preset, LOCAL, self.preset), start=1):
             doubted = [b for b in bodies if not found[b.id].trusted]
             doubted = [b for b in doubted if b.misses <= AT_ONCE or (number == 3 and b.misses % 2)]
             # The first attempt was the same if there was nobody else to get out of the way.
             if doubted and (number > 1 or doubted != rest):
-                lines = self._as_suggested(doubted, found) if number == 3 else self._expected
-                self._attempt(doubted, lines, preset, found)
+                lines = self._as_suggested(doubted) if number == 3 else self._expected
+                self._attempt(doubted, lines, preset)
         for body in bodies if self.smooth else ():
             line = found[body.id].curve.points
             inside = binary_erosion(self._seen(line), iterations=_points(body, line))
@@ -127,8 +128,7 @@ class Search:
 
     def held(self, bodies: Sequence[Body]) -> dict[int, Found]:
         """Fit bodies to where they are predicted, with how surely, without any search."""
-        found: dict[int, Found] = {}
-        lines = {b.id: self.predicted[b.id].line for b in bodies}
+        lines, found = {b.id: self.predicted[b.id].line for b in bodies}, self.found
         if self.preset == "paper":
             return found
         unit = 1 / self.view.place.size  # px of the view in one of the image
@@ -138,7 +138,7 @@ class Search:
             return Hold(*(unit * x for x in (across * sd, LOOSE * sd + 1, body.length_sd)))
 
         loose = Settings(hold=tuple(hold(b, LOOSE) for b in bodies))
-        self._attempt(bodies, lines, loose, found)
+        self._attempt(bodies, lines, loose)
         hidden = {
             b.id
             for b in bodies  # that have been fitted as if they were whole
@@ -146,7 +146,7 @@ class Search:
         }
         again = [b for b in bodies if b.id in hidden or not found[b.id].trusted]
         holds = tuple(hold(b, LOOSE if found[b.id].trusted else STRICT) for b in again)
-        self._attempt(again, lines, Settings(hold=holds), found, hidden=hidden)
+        self._attempt(again, lines, Settings(hold=holds), hidden)
         return found
 
     def _partly(self, body: Body, line: Line) -> bool:
@@ -175,7 +175,7 @@ class Search:
                 pixels[rows, columns][mask] = np.nan
         return replace(view, pixels=pixels)
 
-    def _as_suggested(self, bodies: Sequence[Body], found: Mapping[int, Found]) -> dict[int, Line]:
+    def _as_suggested(self, bodies: Sequence[Body]) -> dict[int, Line]:
         """What the image itself suggests for bodies in doubt."""
         from napari_splinesketch.engine.find.suggest import suggest
 
@@ -183,7 +183,7 @@ class Search:
         to_image = self.view.place.to_image
         lines = [to_image(line) for line in suggest(self.view.pixels, polarity=polarity)]
         placed = [curve.points for curve in self.given.values()]
-        placed += [one.curve.points for one in found.values() if one.trusted]
+        placed += [one.curve.points for one in self.found.values() if one.trusted]
         return place(bodies, self._expected, lines, placed)
 
     def _attempt(
@@ -191,8 +191,6 @@ class Search:
         bodies: Sequence[Body],
         lines: Mapping[int, Line],
         preset: PresetName | Settings,
-        found: dict[int, Found],
-        *,
         hidden: Collection[int] = (),
     ) -> None:
         """Refine the lines of some bodies among the others; keep what is better than before.
@@ -203,14 +201,20 @@ class Search:
         bodies = [body for body in bodies if body.id in lines]
         if not bodies:
             return
-        tried = {body.id for body in bodies}
+        tried, found = {body.id for body in bodies}, self.found
         others = {i: one.curve for i, one in found.items() if i not in tried and one.trusted}
         fixed = {**self.given, **others}
         wanted = [lines[b.id] for b in bodies]
         view = self.view.around(wanted) if self.refinement else self.view
         covered = [b for b in bodies if b.id in hidden]
         shown = self._uncovered(view, covered, lines) if covered else view
-        refinement = self._refined(shown, wanted, [*fixed.values()], preset)
+        refinement = self.refine(
+            shown.pixels,
+            [view.place.to_block(line) for line in wanted],
+            preset,
+            fixed=[view.place.curve_to_block(curve) for curve in fixed.values()],
+            on_progress=self._report,
+        )
         curves = [view.place.curve_to_image(curve) for curve in refinement.curves]
         everyone = [*curves, *fixed.values()]
         shared, beside = drift.on_one_body(everyone), drift.near_each(everyone)
@@ -236,8 +240,7 @@ class Search:
             if partly or (body.id in hidden and self._partly(body, curve.points)):
                 reasons = (*curve.reasons, f"part of it is {INFERRED}")
                 curve = replace(curve, status="check", reasons=reasons)
-            on = [everyone[shared[i]]] if i in shared else []
-            if on and not (held and drift.on_others(lines[body.id], on)):
+            if i in shared and not (held and drift.lies_on(lines[body.id], everyone[shared[i]])):
                 said.append(f"it lies on the same body as curve {names[shared[i]]}")
             if body.misses and there < MOST:
                 said.append("too little of it is seen to know it again")
@@ -253,24 +256,9 @@ class Search:
                 refinement = Refinement.lazy(before.curves, pictures, before.model, seconds)
             self.refinement = refinement
 
-    def _refined(
-        self,
-        view: View,
-        lines: Sequence[Line],
-        fixed: Sequence[Curve],
-        preset: PresetName | Settings,
-    ) -> Refinement:
-        def report(progress: Progress) -> bool | None:
-            self._progress = max(self._progress, progress.fraction)  # attempts begin at 0 again
-            return self.report(replace(progress, fraction=self._progress))
-
-        return self.refine(
-            view.pixels,
-            [view.place.to_block(line) for line in lines],
-            preset,
-            fixed=[view.place.curve_to_block(curve) for curve in fixed],
-            on_progress=report,
-        )
+    def _report(self, progress: Progress) -> bool | None:
+        self._progress = max(self._progress, progress.fraction)  # attempts begin at 0 again
+        return self.report(replace(progress, fraction=self._progress))
 
 
 def _points(body: Body, line: Line) -> int:
@@ -287,18 +275,13 @@ class _Pasted:
         low = np.rint(corner).astype(int)
         self._part = slices(low, low + new.shape)
 
-    @property
-    def reconstruction(self) -> Float[np.ndarray, "H W"]:
-        return self._joined(self._old.reconstruction, self._new.reconstruction)
-
-    @property
-    def background(self) -> Float[np.ndarray, "H W"]:
-        return self._joined(self._old.background, self._new.background)
-
-    def _joined(self, whole: np.ndarray, part: np.ndarray) -> Float[np.ndarray, "H W"]:
-        picture = whole.astype(np.float32)
-        picture[self._part] = part
+    def _joined(self, name: str) -> Float[np.ndarray, "H W"]:
+        picture = getattr(self._old, name).astype(np.float32)
+        picture[self._part] = getattr(self._new, name)
         return picture
+
+    reconstruction = property(lambda self: self._joined("reconstruction"))
+    background = property(lambda self: self._joined("background"))
 
 
 def place(
@@ -307,10 +290,7 @@ def place(
     suggestions: Sequence[Line],
     placed: Sequence[Line],
 ) -> dict[int, Line]:
-    """Give bodies in doubt the suggestions that no other body has, the nearest to each.
-
-    What stands out in the frame is suggested; bodies that are not in doubt are placed.
-    """
+    """Give bodies in doubt the suggestions that none of those placed has, the nearest to each."""
     free = [x for x in suggestions if not any(drift.mostly_on(x, on, TAKEN) for on in placed)]
     pairs = list(product(bodies, free))
     lines = [drift.turned(line, expected[body.id]) for body, line in pairs]

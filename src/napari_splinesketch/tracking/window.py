@@ -18,12 +18,11 @@ from napari_splinesketch.engine.spline import fit_knots
 from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.geometry import with_width
 from napari_splinesketch.tracking import motion, surface
-from napari_splinesketch.tracking.bodies import INFERRED, Body, lines_of
+from napari_splinesketch.tracking.bodies import INFERRED, Body, Tracked, View, lines_of
 from napari_splinesketch.tracking.drift import distance, folds, near_others
 from napari_splinesketch.tracking.motion import Predicted
 from napari_splinesketch.tracking.search import Search
 from napari_splinesketch.tracking.surface import Seen
-from napari_splinesketch.tracking.types import Tracked, View
 
 LONGEST = 45
 """Frames that are held back at most; then they are given as they are."""
@@ -47,10 +46,10 @@ class _Stretch:
     """A body that is in doubt, and what was known of it before."""
 
     anchor: Body
-    first: int
-    """Number of the first frame of the stretch, in the order of their coming."""
+    frames: int = 0
+    """Of the stretch so far, all of them held back ..."""
     trusted: int = 0
-    """Frames for which it has been clear of doubts again ..."""
+    """... for which it has been clear of doubts again ..."""
     clear: int = 0
     """... and of other bodies as well."""
 
@@ -63,7 +62,6 @@ class Window:
         self._held: list[Tracked] = []
         self._views: list[dict[int, View]] = []
         """What is kept of each frame for the bodies that are in doubt there."""
-        self._begin = 0
         self._open: dict[int, _Stretch] = {}
         self._seen = defaultdict[int, deque[Seen]](partial(deque, maxlen=surface.KNOWN))
 
@@ -75,11 +73,10 @@ class Window:
         Gives bodies of which more is known now than that frame tells.
         """
         self._held.append(result)
-        number = self._begin + len(self._held) - 1
-        self._note(result, given, before, number)
+        self._note(result, given, before)
         self._keep(result, before)
-        waited = {i for i, s in self._open.items() if number - s.first >= LONGEST}
-        return self._decided({i for i, s in self._open.items() if s.clear >= CLEAR} | waited)
+        over = {i for i, s in self._open.items() if s.clear >= CLEAR or s.frames > LONGEST}
+        return self._decided(over)
 
     def _keep(self, result: Tracked, before: Mapping[int, Body]) -> None:
         """Keep the pixels around the bodies in doubt; all of them where pictures are wanted."""
@@ -100,8 +97,7 @@ class Window:
 
     def ready(self, *, end: bool = False) -> Iterator[Tracked]:
         """Give the frames that nothing is to be learned about any more; at the `end`, all."""
-        until = min((s.first for s in self._open.values()), default=None)
-        count = len(self._held) if until is None else max(until - self._begin, 0)
+        count = len(self._held) - max((s.frames for s in self._open.values()), default=0)
         while count:
             first, later = self._held[0], self._held[1:count]
             noisy = {
@@ -118,7 +114,6 @@ class Window:
             for i, curve in first.by_id.items():
                 if INFERRED not in curve.reasons:
                     self._seen[i].append((first.frame, curve))
-            self._begin += 1
             count -= 1
             del self._held[0], self._views[0]
             yield replace(first, by_id={**first.by_id, **steadied})
@@ -149,12 +144,12 @@ class Window:
         doubted = {
             i: replace(curve, status="check", reasons=(UNDECIDED, *curve.reasons))
             for i, curve in result.by_id.items()
-            if i in self._open and self._open[i].first <= self._begin + at
+            if i in self._open and at >= len(self._held) - self._open[i].frames
         }
         return replace(result, by_id={**result.by_id, **doubted})
 
     def _note(
-        self, result: Tracked, given: Mapping[int, Curve], before: Mapping[int, Body], number: int
+        self, result: Tracked, given: Mapping[int, Curve], before: Mapping[int, Body]
     ) -> None:
         """Open and prolong the stretches of the bodies that are in doubt."""
         curves = result.by_id
@@ -165,11 +160,12 @@ class Window:
         opening = (doubted | unsure) - set(self._open)
         opening |= {j for i in opening for j in near.get(i, ()) if j in before and j in curves}
         for i in opening - set(self._open) - set(given):
-            self._open[i] = _Stretch(before[i], number)
+            self._open[i] = _Stretch(before[i])
         for i in set(given) | result.lost:
             self._open.pop(i, None)
         for i, stretch in self._open.items():
             trusted = i in curves and i not in doubted
+            stretch.frames += 1
             stretch.trusted = stretch.trusted + 1 if trusted else 0
             stretch.clear = stretch.clear + 1 if trusted and not near.get(i) else 0
 
@@ -177,7 +173,7 @@ class Window:
         """Go through the frames of a stretch again, and give the body as it is known then."""
         body, end = stretch.anchor, len(self._held) - CLEAR
         found = [(r.frame, r.by_id[name]) for r in self._held[end:]]
-        for k in range(end - 1, stretch.first - self._begin - 1, -1):
+        for k in reversed(range(len(self._held) - stretch.frames, end)):
             result = self._held[k]
             if result.error:
                 continue
