@@ -70,12 +70,10 @@ class Run:
     settings: Mapping[str, object]
     """Options that the labels depend on."""
     report: Report
-    """Called with the number of frames that are done, counting part of the one in progress, and
-    with their total."""
     outputs: ExitStack
     """Holds the outputs until all are written."""
     count: int = 0
-    """That total."""
+    """Of the frames that are to be worked on."""
     alike: bool = False
     """Whether frames have to be of one size, as pages of a TIFF are."""
     _written: list[Path] = field(default_factory=list, init=False)
