@@ -53,7 +53,8 @@ def parts(
         return None
     line = of_length(curve.points, BEYOND * curve.length)
     step = BEYOND * curve.length / (len(line) - 1)
-    shows = binary_closing(seen(line), iterations=max(round(HOLE * body.half_width / step), 1))
+    hole = max(round(HOLE * body.half_width / step), 1)
+    shows = np.asarray(binary_closing(seen(line), iterations=hole), bool)
     alone, usual = apart_from(line, others), body.length
     runs = np.ma.clump_masked(np.ma.array(line[:, 0], mask=shows))
     runs = [(r.start * step, r.stop * step) for r in runs if alone[r].mean() > ALONE]
