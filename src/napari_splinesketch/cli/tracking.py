@@ -58,24 +58,18 @@ def run(job: TrackJob, report: Report) -> Outcome:
 
 
 @dataclass(eq=False)
-class _Frame:
-    """A frame's pixels until they are read, and the curves of what is drawn on it."""
-
-    image: np.ndarray | None = None
-    sha256: str | None = None
-    shape: tuple[int, ...] | None = None
-    curves: Mapping[int, Curve] = field(default_factory=dict)
-    error: str = ""
-
-
-@dataclass(eq=False)
 class _Film:
     """Gives tracking what it needs, and turns its answers into reports."""
 
     job: TrackJob
     run: Run
     drawn: Mapping[int, Sequence[Label]]
-    _here: dict[int, _Frame] = field(default_factory=dict, init=False)
+    _image: np.ndarray | None = field(default=None, init=False)
+    """Pixels of the frame that comes next."""
+    _known: dict[int, tuple[FrameReport, dict[int, Curve]]] = field(
+        default_factory=dict, init=False
+    )
+    """What is known of each frame before tracking, and the curves of what is drawn on it."""
 
     def follow(
         self, frames: Sequence[int], bodies: Mapping[int, Body], contrast: float | None
@@ -88,7 +82,7 @@ class _Film:
             self._read,
             refine=self._refine,
             preset=self.job.preset,
-            given=self._given,
+            given=self._open,
             on_progress=lambda told: self.run.reach(earlier + told.fraction * len(frames)),
             smooth=self.job.smooth == "on",
             pictures=False,
@@ -97,33 +91,33 @@ class _Film:
             yield self._done(tracked, time.perf_counter() - began)
             began = time.perf_counter()
 
-    def _given(self, frame: int) -> Given:
-        """Open a frame, and give the curves of its sketches that tracking continues from."""
-        here = self._here[frame] = _Frame()
+    def _open(self, frame: int) -> Given:
+        """Read a frame, and give the curves of its sketches that tracking continues from."""
+        self._image, report, curves = None, FrameReport(frame), dict[int, Curve]()
         try:
-            here.image = self.run.images[frame]
-            here.sha256, here.shape = checksum(here.image), here.image.shape
+            image = self._image = self.run.images[frame]
+            report = FrameReport(frame, sha256=checksum(image), shape=image.shape)
             if drawn := self.drawn.get(frame):
                 result = self._refine(
-                    here.image,
+                    image,
                     [label.points for label in drawn],
                     self.job.preset,
                     fixed=(),
                     on_progress=lambda told: self.run.part(told.fraction / 2),
                 )
-                here.curves = {d.curve: c for d, c in zip(drawn, result.curves, strict=True)}
+                curves = {d.curve: c for d, c in zip(drawn, result.curves, strict=True)}
         except ConnectionError:  # where the film is: other frames would fail too
             raise
         except Exception as error:  # one bad frame must not stop the others
-            here.error = failure_of(error)
-        return Given({i: c for i, c in here.curves.items() if c.status != "failed"})
+            report = replace(report, error=failure_of(error))
+        self._known[frame] = report, curves
+        return Given({i: c for i, c in curves.items() if c.status != "failed"})
 
     def _read(self, frame: int, lines: Sequence[np.ndarray]) -> View:
         """Give the pixels, once: waiting frames do without. ImageError where there are none."""
-        here = self._here[frame]
-        image, here.image = here.image, None
+        image, self._image = self._image, None
         if image is None:
-            raise ImageError(here.error)
+            raise ImageError(self._known[frame][0].error)
         return View(image)
 
     def _refine(self, image: Any, lines: Any, preset: Any, /, **more: Any) -> Refinement:
@@ -132,9 +126,8 @@ class _Film:
 
     def _done(self, tracked: Tracked, seconds: float) -> FrameDone:
         """Report every body, those without a curve too."""
-        here = self._here.pop(tracked.frame)
-        curves = {**here.curves, **tracked.by_id}
-        error = here.error or tracked.error or None
+        report, given = self._known.pop(tracked.frame)
+        curves, error = {**given, **tracked.by_id}, report.error or tracked.error or None
         told = [CurveReport.of(curve, number) for number, curve in curves.items()]
         told = [replace(r, status=DRIFT) if r.curve in tracked.drifting else r for r in told]
         for number, why in tracked.missing.items():
@@ -142,11 +135,15 @@ class _Film:
             told.append(CurveReport(number, 0.0, None, None, status, (why,)))
         left_out = [d.failed() for d in self.drawn.get(tracked.frame, ()) if d.curve not in curves]
         told += [CurveReport.drawn(label, "failed", error or "") for label in left_out]
-        notes = tuple(ENTERED.format(*line.mean(0)) for line in tracked.entered)
         found = tracked.refinement if tracked.by_id.keys() - tracked.drifting else None
-        contrast = abs(found.model.contrast) if found else None
-        seen = here.sha256, notes, here.shape, contrast
-        report = FrameReport(tracked.frame, tuple(told), error, round(seconds, 3), *seen)
+        report = replace(
+            report,
+            curves=tuple(told),
+            error=error,
+            seconds=round(seconds, 3),
+            notes=tuple(ENTERED.format(*line.mean(0)) for line in tracked.entered),
+            contrast=abs(found.model.contrast) if found else None,
+        )
         labels = Labels.from_curves(tuple(curves.values()), frame=tracked.frame, ids=curves)
         return FrameDone(report, (*labels.labels, *left_out))
 
