@@ -123,6 +123,7 @@ MECHANISMS: dict[str, Callable[[], None]] = {
     "polarity by the path of a clicked sketch": _set(finding, signs=_as_looked),
     "bodies in relief": _set(constants, RELIEF_EXPLAINED=np.inf),
     "half-width of each sketch": _everybody_alike,
+    "no body lies inside itself": _set(constants, LIMBS_SHARE=2.0),
     "much wider or thinner bodies": _set(finding, sized=lambda seen, _: seen),
     "noise of images that are cut off": _set(constants, DRAWN=0.0),
     "background that varies": _set(constants, BACKGROUND_TOLERANCE=1e6),

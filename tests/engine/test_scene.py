@@ -5,10 +5,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy import ndimage
 
-from napari_splinesketch import synthetic
+from napari_splinesketch import refine, synthetic
+from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.look import background, ridges, scene
-from napari_splinesketch.engine.look.sketched import half_width_across
+from napari_splinesketch.engine.look.sketched import half_width_across, wanted_rungs
 from napari_splinesketch.engine.report.assemble import Pictures
 from napari_splinesketch.engine.types import Polarity
 
@@ -245,3 +247,44 @@ def test_a_path_tells_the_half_width(half_width: float, aside: float) -> None:
     for tried in (half_width / 1.35, half_width * 1.35):
         wide = half_width_across(image, path, tried)
         assert 0.98 * half_width < wide < 1.25 * half_width
+
+
+def hairpin(apart: float, limb: float = 50.0) -> np.ndarray:
+    """Two straight limbs side by side, and half a circle between them."""
+    turn = np.linspace(0, np.pi, 60)
+    bend = np.column_stack([60 - apart / 2 * np.cos(turn), 90 + apart / 2 * np.sin(turn)])
+    ends = [[60 - apart / 2, 90 - limb]], [[60 + apart / 2, 90 - limb]]
+    return spline.resample(np.concatenate([ends[0], bend, ends[1]]), 200)
+
+
+ROUND = np.linspace(0, 2 * np.pi, 40)
+LOOP = np.column_stack([50 + 25 * np.cos(ROUND), 100 + 25 * np.sin(ROUND)])
+TO_AND_FRO = 20 + 15 * np.array([0, 2, 1, 4, 3, 6, 5, 8, 7.0])
+BENDS = {
+    "straight": (np.array([[20.0, 20.0], [25.0, 140.0]]), 18),
+    "corner": (np.array([[20.0, 20.0], [20.0, 80.0], [80.0, 80.0]]), 18),
+    "sharp": (np.array([[20.0, 20.0], [60.0, 90.0], [100.0, 20.0]]), 24),
+    "loop": (np.concatenate([[[75.0, 10.0]], LOOP, [[75.0, 190.0]]]), 37),
+    "scribble": (np.column_stack([np.tile([40.0, 44.0, 48.0], 3), TO_AND_FRO]), 28),
+    "touching": (hairpin(16.0), 8),
+}
+"""Sketches, and the half-width, px, that a body of theirs has at most."""
+
+
+@pytest.mark.parametrize("bend", BENDS)
+def test_a_sketch_may_bend_as_bodies_do(bend: str) -> None:
+    sketch, most = BENDS[bend]
+    widest = ridges.WIDTHS[wanted_rungs(sketch)[-1]]
+    assert 0.74 * most < widest < 1.12 * most
+
+
+def test_the_limbs_of_a_hairpin_are_not_one_wide_body() -> None:
+    """They are blurred, so that what is between them is bright, too: the wider the higher."""
+    line = hairpin(10.0)
+    at = np.argwhere(np.ones((120, 140)))
+    away = spline.apart(at, line).reshape(120, 140)
+    image = ndimage.gaussian_filter(np.clip(3 - away, 0, 1), 3.0)
+    image += np.random.default_rng(0).normal(0, 0.03, image.shape)
+    clicks = line[np.linspace(0, 199, 8).astype(int)]
+    (curve,) = refine(image, [clicks]).curves
+    assert spline.apart(line, curve.points).max() < 3

@@ -71,6 +71,8 @@ CREST = 0.9  # height of a body's ridge as a share of its contrast (geometry: th
 GIVEN_WIDTH_RIDGE = 0.75  # a given half-width is used where its ridges reach this share of the best
 WIDEST_SHARE = 0.15  # largest half-width that is tried, as a share of the sketch's length ...
 WIDEST_PX = 3.0  # ... but at least this
+LIMBS_HW = 1.8  # and none at which a sketch that bends back is as near to itself as this, ...
+LIMBS_SHARE = 0.5  # ... along this share of it (geometry: a body that touches itself is 2 apart)
 CHORD_BULGE = 0.3  # a body may leave its sketch by this share of the longest segment ...
 STRAY_SHARE = 0.15  # ... or by this share of the sketch's length,
 STRAY_HW = 12.0  # the latter limited to this many half-widths,
@@ -97,6 +99,8 @@ WIDTH_MIDDLE_HW = 0.3  # part of such a profile that is surely inside the body (
 
 # === Find: the graph of traces
 BODY_EVIDENCE = 0.45  # evidence from which a pixel is body
+SPECK = 4.0  # patches of fewer squares of the half-width than this are no bodies ...
+SPECK_PIXELS = 6  # ... nor those of fewer pixels
 GRAPH_REACH = 1.3  # the graph reaches farther from a sketch than bodies do, by this factor ...
 GRAPH_REACH_HW = 4.0  # ... and by this
 # the graph reaches at least this share of the sketch's longest segment (geometry: a bow):

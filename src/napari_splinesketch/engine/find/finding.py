@@ -5,13 +5,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float
-from skimage.morphology import remove_small_objects
 
 from napari_splinesketch.engine import constants as const
 from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.find import choice, hollow, paths, scoring, strip
 from napari_splinesketch.engine.find.choice import Candidates
-from napari_splinesketch.engine.find.tracing import TraceGraph, trace
+from napari_splinesketch.engine.find.tracing import TraceGraph, trace, without_specks
 from napari_splinesketch.engine.look.band import band
 from napari_splinesketch.engine.look.ridges import WIDTHS
 from napari_splinesketch.engine.look.scene import Scene
@@ -235,7 +234,7 @@ def _mask(seen: Scene, sketches: list[Line]) -> Bool[Array, "H W"]:
         rows, columns, inside = band(sketch, _reach(sketch, WIDTHS[rung]), seen.normal.shape)
         evidence = seen.evidence(rung)[rows, columns]
         mask[rows, columns] |= inside & (evidence > const.BODY_EVIDENCE)
-    return remove_small_objects(mask, max_size=int(max(4 * seen.half_width**2, 6)))
+    return without_specks(mask, seen.half_width)
 
 
 def _reach(sketch: Line, half_width: float) -> float:

@@ -14,7 +14,12 @@ from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.find import scoring, strip
 from napari_splinesketch.engine.look.ridges import WIDTHS, rung_of
 from napari_splinesketch.engine.look.scene import Scene
-from napari_splinesketch.engine.look.sketched import first_high, reach_of, ridge_profile
+from napari_splinesketch.engine.look.sketched import (
+    first_high,
+    reach_of,
+    ridge_profile,
+    wanted_rungs,
+)
 from napari_splinesketch.engine.types import Array, Line
 
 
@@ -41,8 +46,7 @@ def middles(
 
 def _around(seen: Scene, sketch: Line, rung: int) -> Iterator[tuple[int, Line]]:
     """Paths near a clicked sketch: its line runs along the middle."""
-    length = spline.arc_length(sketch)[-1]
-    wider = range(rung + 2, int(np.searchsorted(WIDTHS, const.WIDEST_SHARE * length, side="right")))
+    wider = range(rung + 2, wanted_rungs(sketch).stop)
     if not wider:
         return
     near = scoring.close(WIDTHS[rung])

@@ -6,12 +6,12 @@ import numpy as np
 from jaxtyping import Float
 from scipy import ndimage
 from scipy.spatial import KDTree
-from skimage.morphology import remove_small_objects
 
 from napari_splinesketch.engine import constants as const
 from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.find import strip
 from napari_splinesketch.engine.find.finding import Start
+from napari_splinesketch.engine.find.tracing import without_specks
 from napari_splinesketch.engine.look.scene import Scene
 from napari_splinesketch.engine.types import Array, Line
 
@@ -32,8 +32,7 @@ def without_neighbours(seen: Scene, starts: list[Start], fixed: list[Line]) -> S
             mine = tree.query(points)[0] > away - const.VALLEY_NEAREST_PX
             at = tuple(np.rint(points[mine]).astype(int).T)
             lowered[at] = np.minimum(lowered[at], level[mine])
-    least = int(max(4 * seen.half_width**2, 6))
-    others = remove_small_objects(lowered < seen.normal, max_size=least)
+    others = without_specks(lowered < seen.normal, seen.half_width)
     return replace(seen, normal=np.where(others, lowered, seen.normal))
 
 

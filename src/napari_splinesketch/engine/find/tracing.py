@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.spatial import KDTree
-from skimage.morphology import skeletonize
+from skimage.morphology import remove_small_objects, skeletonize
 
 from napari_splinesketch.engine import constants as const
 from napari_splinesketch.engine.spline import arc_length
@@ -87,6 +87,12 @@ def trace(mask: Bool[Array, "H W"], half_width: float, usual: float = 0.0) -> Tr
         headings,
         np.array(bridges, dtype=bool),
     )
+
+
+def without_specks(mask: Bool[Array, "H W"], half_width: float) -> Bool[Array, "H W"]:
+    """A mask without patches that are too small to be bodies."""
+    least = int(max(const.SPECK * half_width**2, const.SPECK_PIXELS))
+    return remove_small_objects(mask, max_size=least)
 
 
 def _gaps(nodes, tips, ends, headings, reach: float) -> list[tuple[int, int]]:

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
+from scipy.spatial.distance import cdist
 
 from napari_splinesketch.engine import constants as const
 from napari_splinesketch.engine import spline
@@ -60,7 +61,7 @@ def half_width_across(image: Float[Array, "H W"], path: Line, half_width: float)
 
 def look_around(ridges: Ridges, line: Line) -> tuple[Around, Around]:
     """What is around a sketch, seen as a bright body's and as a dark one's."""
-    wanted = _wanted(line)
+    wanted = wanted_rungs(line)
     reach = reach_of(line, WIDTHS[wanted[-1]])
     heights = _ridges(ridges, line, reach, wanted, (1, -1))
     best = np.maximum(heights[1].max(1), 0)
@@ -75,10 +76,25 @@ def look_around(ridges: Ridges, line: Line) -> tuple[Around, Around]:
     return found[0], found[1]
 
 
-def _wanted(line: Line) -> range:
-    """Indices in WIDTHS of the half-widths that the body of a sketch may have."""
+def wanted_rungs(line: Line) -> range:
+    """Indices in WIDTHS of the half-widths that the body of a sketch may have.
+
+    Of a sketch that bends back on itself, such as a hairpin, no body that would lie inside itself.
+    """
+    count = const.SCORE_SAMPLES
+
+    def inside_itself(rung: int) -> bool:
+        (soft,) = spline.smoothed([line], WIDTHS[rung])  # scribbles go to and fro
+        points, s = spline.resample(soft, count), np.linspace(0, spline.arc_length(soft)[-1], count)
+        near = cdist(points, points) < const.LIMBS_HW * WIDTHS[rung]
+        near &= np.abs(s[:, None] - s) > np.pi * WIDTHS[rung]
+        return bool(near.any(1).mean() > const.LIMBS_SHARE)
+
     widest = max(const.WIDEST_SHARE * float(spline.arc_length(line)[-1]), const.WIDEST_PX)
-    return range(int(np.searchsorted(WIDTHS, widest, side="right")))
+    rungs = range(int(np.searchsorted(WIDTHS, widest, side="right")))
+    while len(line) > 2 and len(rungs) > 1 and inside_itself(rungs[-1]):
+        rungs = rungs[:-1]
+    return rungs
 
 
 def ridge_profile(
