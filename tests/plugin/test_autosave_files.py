@@ -339,3 +339,9 @@ def test_shapes_that_napari_cannot_draw_are_refused(tmp_path: Path, kind: Any) -
     Folder(tmp_path).write(Session("x", {}, [Shape(kind, points, 0)]))
     _, problems = read(tmp_path, 9, SIZE)
     assert f"a {kind} of {len(points)} vertices" in problems[0]
+
+
+def test_saved_work_that_is_gone_by_now_is_named(tmp_path: Path) -> None:
+    problems: list[str] = []
+    assert sessions.reopen(tmp_path / "work", 1, (60, 60), problems) is None
+    assert problems == [f"{tmp_path / 'work'} holds no saved work any more."]

@@ -171,7 +171,7 @@ class Saver:
         frames, size, problems = frame_count(image), size_of(image), list[str]()
 
         def read(_: object) -> list[tuple[Folder, Session] | None]:
-            return [sessions.reopen(*one, frames, size, problems) for one in offers.items()]
+            return [sessions.reopen(path, frames, size, problems) for path in offers]
 
         def show(found: list[tuple[Folder, Session] | None]) -> None:
             there = filter(None, reversed(found))

@@ -342,8 +342,9 @@ def summary(path: Path) -> Head | None:
         damaged = isinstance(error, LabelsError)
         if damaged and (NEWER in str(error) or not (head.sketches or head.curves)):
             raise
-        saved = datetime.fromtimestamp(path.stat().st_mtime, UTC)
-        head = head.model_copy(update={"saved": saved})
+        if head.sketches or head.curves:
+            saved = datetime.fromtimestamp(path.stat().st_mtime, UTC)
+            head = head.model_copy(update={"saved": saved})
     return head if head.sketches or head.curves else None
 
 
@@ -380,9 +381,12 @@ def read(path: Path, frames: int, size: tuple[int, int]) -> tuple[Session, tuple
 
 
 def reopen(
-    path: Path, head: Head, frames: int, size: tuple[int, int], problems: list[str]
+    path: Path, frames: int, size: tuple[int, int], problems: list[str]
 ) -> tuple[Folder, Session] | None:
-    """Read a session that no other window has; it goes on elsewhere if it is not read whole."""
+    """Read a session that no other window has; it goes on elsewhere if it is not read whole.
+
+    It is read as it is now: another window may have changed it since it was offered.
+    """
     try:
         folder = Folder(path)
     except BusyError as error:
@@ -391,7 +395,14 @@ def reopen(
         return None
     except OSError:
         folder = Folder()
-    session, unread = read(path, frames, size)
+    try:
+        if (head := summary(path)) is None:
+            raise FileNotFoundError(f"{path} holds no saved work any more")
+        session, unread = read(path, frames, size)
+    except (OSError, LabelsError) as error:
+        folder.release()
+        problems.append(f"{error}.")
+        return None
     folder.head, folder.after = head, head.after
     problems.extend(unread)
     if unread or folder.path is None:
