@@ -216,6 +216,18 @@ def test_a_bad_frame_does_not_stop_the_others() -> None:
     assert results[2].ids == (7, 3)
 
 
+def test_a_body_where_a_frame_has_no_pixels_does_not_stop_the_others() -> None:
+    """Beyond the border of a frame that was moved to fit the others."""
+    film = np.ones((5, 200, 80))
+    film[2, :140] = np.nan
+    start = {7: [(0, curve(LINE))], 3: [(0, curve(moved(LINE, 170, 5)))]}
+    for smooth in (True, False):
+        refine = FakeRefine((0, 0))
+        results = run(refine, range(1, 5), start=start, read=lambda t, _: film[t], smooth=smooth)
+        assert not any(result.error for result in results)
+        assert all(3 in result.ids for result in results)
+
+
 @pytest.mark.parametrize("seen", [(), ((0, curve(LINE)),)])
 def test_a_body_of_which_no_length_is_known_does_not_stop_the_others(seen: tuple) -> None:
     """Such as the curve of a sketch of one point."""

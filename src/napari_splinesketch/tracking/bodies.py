@@ -118,13 +118,19 @@ class View:
     """Whether they are all of the image, so that their border is the image's."""
 
     def around(self, lines: Sequence[Line]) -> "View":
-        """A copy of the part that the engine looks at for some lines, px of the image."""
+        """A copy of the part that the engine looks at for some lines, px of the image.
+
+        All of it where that part has no finite pixel, as beyond the border of a frame that was
+        moved to fit the others: the engine refuses it.
+        """
         blocks = [self.place.to_block(line) for line in lines]
         margin = MARGIN + max(arc_length(line)[-1] for line in blocks) / 2 + 1
         points = np.concatenate(blocks)
         low = np.clip(np.floor(points.min(0) - margin), 0, np.array(self.pixels.shape) - 1)
         high = np.maximum(np.ceil(points.max(0) + margin), low + 1)
         pixels = self.pixels[slices(low.astype(int), high.astype(int))].copy()
+        if not np.isfinite(pixels).any():
+            return self
         return View(pixels, Grid(self.place.to_image(low), self.place.step), whole=False)
 
 
