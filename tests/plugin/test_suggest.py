@@ -142,6 +142,7 @@ def test_nothing_new_is_said_and_cancel_changes_nothing(
     viewer.add_image(np.full((60, 70), 5, np.uint8), name="blank")
     press_suggest(dock)
     assert "No further body stands out" in dock.notice.text()
+    assert "Settings" not in dock.notice.text()
     assert not dock.undo.isVisible()
     viewer.add_image(film[0], name="worms")
     dock.controller.suggestions.suggest()
@@ -453,3 +454,12 @@ def test_the_end_of_the_slider_promises_nothing_fainter() -> None:
     assert words.suggested(0, 0.5).endswith("to find fainter ones.")
     assert words.suggested(0, 1) == "No further body stands out."
     assert words.suggested(1, 1).startswith("Suggested 1 line. ")
+
+
+def test_a_half_width_of_other_images_is_named_where_it_finds_nothing(
+    viewer: Any, dock: SplinesketchDock, film: np.ndarray
+) -> None:
+    dock.controller.choose(half_width=9.0, half_width_unit="px")
+    viewer.add_image(film[0], name="worms")
+    press_suggest(dock)
+    assert "Only bodies as described under Settings are looked for." in dock.notice.text()

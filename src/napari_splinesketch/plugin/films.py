@@ -97,7 +97,9 @@ class Suggestions:
 
         def over() -> None:
             there = work.positions(state.suggestions.keys() - refined.suggestions)
-            tell(words.suggested(len(there), self.sensitivity))
+            how = self._controller.how(work.image)
+            given = how.half_width is not None or how.polarity != "auto"
+            tell(words.suggested(len(there), self.sensitivity, given=given))
 
         if state.suggestions.keys() != work.state.suggestions.keys():
             what = step if first or work.history.done != step else ""

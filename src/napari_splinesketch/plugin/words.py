@@ -129,11 +129,15 @@ def legend(records: Sequence[model.Record], look: columns.Look) -> str:
     return f"{low} {blocks} {high}{unit}"
 
 
-def suggested(number: int, sensitivity: float) -> str:
-    """Say how many lines were suggested, with a sensitivity from 0 to 1."""
+def suggested(number: int, sensitivity: float, *, given: bool = False) -> str:
+    """Say how many lines were suggested, with a sensitivity from 0 to 1.
+
+    `given` says that the user described the bodies: others are not looked for.
+    """
     if not number:
         more = " Move the slider to the right to find fainter ones." if sensitivity < 1 else ""
-        return f"No further body stands out.{more}"
+        only = " Only bodies as described under Settings are looked for." if given else ""
+        return f"No further body stands out.{only}{more}"
     return f"Suggested {counted(number, 'line')}. Correct or delete what is wrong, then refine."
 
 
