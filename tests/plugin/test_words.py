@@ -106,6 +106,8 @@ def test_where_work_is_saved_can_be_found() -> None:
     assert said == "Saved in a.tif.12ab.splinesketch", "beside the image"
     home = Path.home() / "share" / "sessions"
     assert words.saved(home / "a.12ab.splinesketch", None, True).startswith("Saved in ~")
+    backup = Path(f"/backup{Path.home()}/films")
+    assert words.saved(backup / "a.12ab.splinesketch", None, True).endswith(f" {backup}")
     assert words.saved(Path("/work/a.tif.12ab.splinesketch"), "/data/a.tif", True).endswith("/work")
     assert words.saved(None, "/data/a.tif", False) == "Work is not saved"
     assert words.saved(None, "/data/a.tif", True) == "", "it is not known yet"

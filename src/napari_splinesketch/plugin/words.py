@@ -204,7 +204,8 @@ def saved(place: Path | None, image: str | None, wanted: bool) -> str:
         return "" if wanted else "Work is not saved"
     if image and place.parent == Path(image).absolute().parent:
         return f"Saved in {place.name}"
-    return f"Saved in {str(place.parent).replace(str(Path.home()), '~', 1)}"
+    folder, home = place.parent, Path.home()
+    return f"Saved in {'~' / folder.relative_to(home) if folder.is_relative_to(home) else folder}"
 
 
 def offered(heads: Sequence["Head"]) -> str:
