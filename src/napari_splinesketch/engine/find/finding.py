@@ -90,11 +90,16 @@ def sized(seen: Scene, sketches: list[Line]) -> Scene:
 
     What is highest around a sketch may be another body, and a wide one is hit by more sketches: a
     path of the other half-width has to cost much less than one of the usual, and no ridges along it
-    may be higher that are narrower.
+    may be higher that are narrower. A line between two ends may pass wider bodies before its own:
+    what is narrower and near it must cost no more.
     """
     rungs = list(seen.rungs)
     for i, (sketch, usual) in enumerate(zip(sketches, seen.rungs, strict=True)):
-        others = [rung for rung in seen.others[i] if abs(rung - usual) > 1]
+        nearby, *others = seen.others[i] or (usual,)
+        if len(sketch) == 2 and nearby < usual:
+            usual = min((usual, nearby), key=lambda rung: _cheapest(seen, sketch, rung)[0])
+            rungs[i] = usual
+        others = [rung for rung in others if abs(rung - usual) > 1]
         least = _cheapest(seen, sketch, usual)[0] if others else 0.0
         least = min(const.OTHER_COST * least, least - const.CLEAR_MARGIN)
         for rung in others if least > 0 else []:
@@ -117,7 +122,7 @@ def as_clicks(sketch: Line, evidence: Float[Array, "H W"], half_width: float) ->
     most = min(const.CLICKED[-1], int(length / const.CLICKED_APART_PX))
     if scoring.clicked(sketch) or not const.CLICKED[0] <= most < len(sketch):
         return sketch
-    near, hit = scoring.close(half_width), scoring.hit(half_width)
+    near, hit = scoring.close(half_width), scoring.hit(half_width, length)
     (path,) = strip.paths_along(evidence, sketch, half_width, near)
     places = spline.resample(path, const.SCORE_SAMPLES).T
     off = spline.apart(spline.resample(sketch, const.SCORE_SAMPLES), path)
@@ -130,7 +135,8 @@ def as_clicks(sketch: Line, evidence: Float[Array, "H W"], half_width: float) ->
     count = min(const.VERTICES_MOST, most)
     while careful and count <= most:
         clicks = spline.steadied(sketch, count)
-        if spline.apart(sketch, spline.resample(clicks, int(length) + 2)).max() < hit:
+        off = spline.apart(sketch, spline.resample(clicks, int(length) + 2))
+        if off.max() < scoring.hit(half_width):
             return clicks
         count *= 2
     return sketch
@@ -188,16 +194,21 @@ def least_cost(scenes: Sequence[tuple[list[int], Scene]], sketches: list[Line]) 
 def _cheapest(seen: Scene, sketch: Line, rung: int, sign: int | None = None) -> tuple[float, Line]:
     """Cost of a path along a sketch, and the path, for a body of the half-width WIDTHS[rung]."""
     evidence, half_width = seen.evidence(rung, sign), WIDTHS[rung]
-    lines = strip.paths_along(evidence, sketch, half_width, _near(sketch, half_width))
-    lines += [sketch] * scoring.clicked(sketch)
+    lines = _own(evidence, sketch, half_width)
     cost = scoring.cost(_known(lines, sketch, half_width, evidence))
     return float(cost.min()), lines[int(cost.argmin())]
 
 
-def _near(sketch: Line, half_width: float) -> float:
-    """How far from its sketch a path along it may be, px."""
-    reach = reach_of(sketch, half_width)
-    return min(reach, scoring.close(half_width)) if scoring.clicked(sketch) else reach
+def _own(evidence: Float[Array, "H W"], sketch: Line, half_width: float) -> list[Line]:
+    """Paths along a sketch; of one of two points also between them, and last a clicked one itself.
+
+    A clicked one is taken at its word: they are close to it.
+    """
+    clicked, near = scoring.clicked(sketch), reach_of(sketch, half_width)
+    if clicked:
+        near = min(near, scoring.close(half_width))
+    found = strip.paths_along(evidence, sketch, half_width, near, between_ends=len(sketch) == 2)
+    return found + [sketch] * clicked
 
 
 def usual_length(sketches: list[Line]) -> float:
@@ -256,9 +267,7 @@ def _candidates(
     half_width, evidence = WIDTHS[rung], seen.evidence(rung)
     traced, along = _through_graph(graph, sketch, half_width, unseen, evidence, settings)
     clicked, reach = scoring.clicked(sketch), reach_of(sketch, half_width)
-    near = _near(sketch, half_width)
-    own = strip.paths_along(evidence, sketch, half_width, near, between_ends=len(sketch) == 2)
-    own += [sketch] * clicked
+    own = _own(evidence, sketch, half_width)
     smooth = const.PATH_SMOOTH_HW * half_width
     lines = spline.smoothed([*traced, *own], smooth)
     known = _known(lines, sketch, half_width, evidence)

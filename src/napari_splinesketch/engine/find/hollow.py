@@ -14,12 +14,7 @@ from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.find import scoring, strip
 from napari_splinesketch.engine.look.ridges import WIDTHS, rung_of
 from napari_splinesketch.engine.look.scene import Scene
-from napari_splinesketch.engine.look.sketched import (
-    first_high,
-    reach_of,
-    ridge_profile,
-    wanted_rungs,
-)
+from napari_splinesketch.engine.look.sketched import first_high, reach_of, ridge_profile
 from napari_splinesketch.engine.types import Array, Line
 
 
@@ -34,7 +29,8 @@ def middles(
     sketch, rung = sketches[number], seen.rungs[number]
     others = [*sketches[:number], *sketches[number + 1 :]]
     clicked = scoring.clicked(sketch)
-    found = _around(seen, sketch, rung) if clicked else _beside(seen, sketch, rung, path)
+    wider = range(rung + 2, len(seen.around[number][0].profile))
+    found = _around(seen, sketch, rung, wider) if clicked else _beside(seen, sketch, rung, path)
     for wide, line in found:
         line = spline.smoothed([line], const.PATH_SMOOTH_HW * WIDTHS[wide])[0]
         reach = const.HOLLOW_RIM_HW * WIDTHS[wide] + WIDTHS[rung]
@@ -44,9 +40,8 @@ def middles(
             yield wide, line
 
 
-def _around(seen: Scene, sketch: Line, rung: int) -> Iterator[tuple[int, Line]]:
-    """Paths near a clicked sketch: its line runs along the middle."""
-    wider = range(rung + 2, wanted_rungs(sketch).stop)
+def _around(seen: Scene, sketch: Line, rung: int, wider: range) -> Iterator[tuple[int, Line]]:
+    """Paths near a clicked sketch, at `wider` half-widths: its line runs along the middle."""
     if not wider:
         return
     near = scoring.close(WIDTHS[rung])

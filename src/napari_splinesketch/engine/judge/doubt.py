@@ -82,20 +82,19 @@ def collect(
     end = int(const.END_SHARE * len(points))
     drawn = spline.resample(sketch, len(points))
     astray = max(spline.apart(points[inside], drawn).max(), spline.apart(drawn, points).max())
-    room, length = half_width + const.STROKE_PX, float(spline.arc_length(sketch)[-1])
+    clicked, length = scoring.clicked(sketch), float(spline.arc_length(sketch)[-1])
+    share = const.HIT_SHARE if clicked else const.STROKE_SHARE
     missed_end = 0.0
-    if scoring.clicked(sketch):
+    if clicked:
         beyond = sketch[[0, -1]] - points[[0, -1]]
         short = float((beyond * end_directions(points)).sum(1).max())
         usual = scoring.hit(half_width, length) + const.CLICKED_END * length
         missed_end = short if short > usual else 0.0
-    else:
-        room += const.STROKE_SHARE * length
     return Evidence(
         float(sd[end:-end].max()),
         float(astray),
         half_width,
-        room,
+        half_width + const.STROKE_PX + share * length,
         start.known,
         start.margin,
         missed_end,

@@ -39,7 +39,7 @@ class Scene:
     rungs: tuple[int, ...]
     """For each sketch, the index of its body's half-width in WIDTHS."""
     others: tuple[tuple[int, ...], ...]
-    """The same for what else may be its body."""
+    """The same for what else may be its body: first what is near it; none where it was given."""
     contradicted: float | None = None
     """The half-width that was given, if no body in the image has one like it."""
     around: tuple[tuple[Around, Around], ...] = ()

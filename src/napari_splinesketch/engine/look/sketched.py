@@ -24,8 +24,8 @@ class Around:
     nearby: int
     """The same, with ridges the higher the nearer they are."""
     others: tuple[int, ...]
-    """What else may be its body: half-widths whose ridges are higher than narrower and wider ones,
-    around the sketch or on it."""
+    """What else may be its body: `nearby`, and half-widths whose ridges are higher than narrower
+    and wider ones, around the sketch or on it."""
     height: float
     """Of the body's ridge above its sides, in the image's units."""
     profile: tuple[float, ...]
@@ -68,11 +68,9 @@ def look_around(ridges: Ridges, line: Line) -> tuple[Around, Around]:
     vote = float(np.tanh((best[0] - best[1]) / (0.15 * best.sum(0) + 1e-30)).mean())
     found, profiles = [], median(heights).transpose(1, 0, 2)
     for sign, (around, nearby, on) in zip((1, -1), profiles, strict=True):
-        k = first_high(around)
-        least = const.OTHER_RIDGE * around[k]
-        others = tuple({*_high(around, least), *_high(on, least)})
+        k, near, others = first_high(around), first_high(nearby), {*_high(around), *_high(on)}
         height, profile = float(max(around[k], 0.0)), tuple(around.tolist())
-        found.append(Around(sign * vote, k, first_high(nearby), others, height, profile))
+        found.append(Around(sign * vote, k, near, (near, *others), height, profile))
     return found[0], found[1]
 
 
@@ -112,12 +110,12 @@ def first_high(profile: Float[Array, " R"]) -> int:
     return int(np.argmax(profile >= const.WIDTH_ENOUGH * profile.max()))
 
 
-def _high(profile: Float[Array, " R"], least: float) -> list[int]:
-    """The same wherever ridges are higher than `least`, and than narrower and wider ones.
+def _high(profile: Float[Array, " R"]) -> list[int]:
+    """The same wherever ridges are higher than narrower and wider ones, if not much less than any.
 
     The widest that was tried may be part of something wider.
     """
-    found = []
+    found, least = [], const.OTHER_RIDGE * profile.max()
     for k in range(len(profile) - 1):
         if max(least, profile[k + 1], 0) < profile[k] >= profile[max(k - 1, 0)]:
             while k and profile[k - 1] >= const.WIDTH_ENOUGH * profile[k]:
