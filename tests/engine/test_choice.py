@@ -138,6 +138,20 @@ def test_a_careful_stroke_counts_as_clicks(sketch, careful):
         assert clicks is sketch
 
 
+@pytest.mark.parametrize(("length", "careful"), [(300, True), (80, False)])
+def test_a_long_stroke_may_be_farther_from_its_body_and_count_as_clicks(length, careful):
+    """Long bodies are seen from afar; both strokes are up to 4 px off."""
+    line = np.column_stack([np.full(length + 1, 30.0), np.arange(20.0, length + 21)])
+    image = np.zeros((60, length + 40))
+    image[29:32, 18 : length + 23] = 1
+    image = ndimage.gaussian_filter(image, 0.7)
+    image += 0.03 * np.random.default_rng(0).normal(size=image.shape)
+    ((_, seen),) = scene.read_scenes(image, [line[::20]], "bright", 1.5)
+    sketch = line + np.column_stack([4 * np.sin(line[:, 1] / 9), np.zeros(len(line))])
+    clicks = finding.as_clicks(sketch, seen.evidence(seen.rungs[0]), 1.5)
+    assert scoring.clicked(clicks) == careful
+
+
 def test_a_winding_stroke_gets_as_many_clicks_as_it_needs():
     along = np.linspace(15, 105, 400)
     line = np.column_stack([45 + 15 * np.sin(along / 4), along])
@@ -190,6 +204,32 @@ def test_straight_lines_over_stripes_take_the_polarity_of_what_joins_their_ends(
     ends, first = np.array([15, 145]), 45.5 if polarity == "bright" else 52.5
     lines = [np.column_stack([first + 14 * k - bow[0, ends], ends]) for k in range(5)]
     assert refine(image, lines).model.polarity == polarity
+
+
+@pytest.mark.parametrize(("gap", "bodies", "bright"), [(4, 3, 1), (5, 2, 2), (5, 3, 2), (8, 4, 2)])
+def test_a_straight_line_on_a_thin_body_stays_there_beside_wide_and_bright_ones(
+    gap, bodies, bright
+):
+    """Around its line, ridges are highest at the half-width of the others."""
+    along = np.linspace(15, 105, 91)
+    thin = [np.column_stack([np.full(91, 45.0 + gap * k), along]) for k in range(bodies)]
+    wide = np.column_stack([np.full(91, 65 + gap * (bodies - 1) / 2), along])
+    image = np.maximum(drawn(thin, half_width=1.0), bright * drawn([wide], 5.0, noise=0.0))
+    (curve,) = refine(image, [thin[0][[0, -1]]]).curves
+    assert away(curve.points[10:-10], thin[0]) < 1
+    assert curve.typical_half_width < 2
+
+
+def test_what_a_straight_line_costs_is_the_cost_of_a_path_between_its_ends():
+    """It decides the half-width and the polarity; the path may bow where the line does not."""
+    body = wavy(45.0)
+    other = np.column_stack([np.full(120, 60.0), np.arange(120.0)])
+    image = np.maximum(0.3 * drawn([body], 1.5, noise=0.0), drawn([other], 1.5))
+    sketch = body[[0, -1]]
+    ((_, seen),) = scene.read_scenes(image, [sketch], "bright", 1.5)
+    cost, path = finding._cheapest(seen, sketch, seen.rungs[0])
+    assert away(path, body) < 2
+    assert cost < 2
 
 
 def test_a_fixed_curve_keeps_its_body():

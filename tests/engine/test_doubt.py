@@ -95,6 +95,15 @@ def test_a_line_of_one_stroke_may_be_farther_from_its_body_than_a_clicked_one():
     assert stroke > clicks >= 2.0
 
 
+def test_long_clicked_sketches_may_be_farther_from_their_bodies():
+    sd, rooms = np.full(100, 0.1), []
+    for length in (60, 600):
+        line = np.column_stack([np.zeros(100), np.linspace(0, length, 100)])
+        start = Start(line, True, line[::20], 4, 2.0, 1.0, known())
+        rooms.append(collect(*without_caps(line), sd, 2.0, start).room)
+    assert rooms[1] - rooms[0] > 1
+
+
 def test_signs_and_weights_belong_together():
     assert (
         len(doubt.SIGNS)
