@@ -206,18 +206,31 @@ def test_straight_lines_over_stripes_take_the_polarity_of_what_joins_their_ends(
     assert refine(image, lines).model.polarity == polarity
 
 
+def thin_beside_wide(gap: int, bodies: int, bright: float) -> tuple[np.ndarray, np.ndarray]:
+    """An image of thin bodies side by side near a wide and bright one, and the first of them."""
+    along = np.linspace(15, 105, 91)
+    thin = [np.column_stack([np.full(91, 45.0 + gap * k), along]) for k in range(bodies)]
+    wide = np.column_stack([np.full(91, 65 + gap * (bodies - 1) / 2), along])
+    lit = bright * drawn([wide], 5.0, noise=0.0)
+    return np.maximum(drawn(thin, half_width=1.0), lit), thin[0]
+
+
 @pytest.mark.parametrize(("gap", "bodies", "bright"), [(4, 3, 1), (5, 2, 2), (5, 3, 2), (8, 4, 2)])
 def test_a_straight_line_on_a_thin_body_stays_there_beside_wide_and_bright_ones(
     gap, bodies, bright
 ):
     """Around its line, ridges are highest at the half-width of the others."""
-    along = np.linspace(15, 105, 91)
-    thin = [np.column_stack([np.full(91, 45.0 + gap * k), along]) for k in range(bodies)]
-    wide = np.column_stack([np.full(91, 65 + gap * (bodies - 1) / 2), along])
-    image = np.maximum(drawn(thin, half_width=1.0), bright * drawn([wide], 5.0, noise=0.0))
-    (curve,) = refine(image, [thin[0][[0, -1]]]).curves
-    assert away(curve.points[10:-10], thin[0]) < 1
+    image, line = thin_beside_wide(gap, bodies, bright)
+    (curve,) = refine(image, [line[[0, -1]]]).curves
+    assert away(curve.points[10:-10], line) < 1
     assert curve.typical_half_width < 2
+
+
+@pytest.mark.parametrize("given", [None, 5.0])
+def test_a_half_width_that_was_given_is_kept_for_a_straight_line(given):
+    image, line = thin_beside_wide(5, 3, 2)
+    ((_, seen),) = scene.read_scenes(image, [line[[0, -1]]], "bright", given)
+    assert (finding.sized(seen, [line[[0, -1]]]).rungs == seen.rungs) == bool(given)
 
 
 def test_what_a_straight_line_costs_is_the_cost_of_a_path_between_its_ends():
