@@ -16,6 +16,7 @@ from napari_splinesketch.plugin.plots import (
     Plot,
     pictures,
 )
+from napari_splinesketch.plugin.widgets import Texts
 
 from .fakes import FakeEngine, as_drawn
 from .hand import QTest, click, refine, until
@@ -106,6 +107,18 @@ def test_plots_over_the_frames_stay_in_their_panel(qapp: Any) -> None:
         assert heights[0] == pytest.approx(heights[1]), "at once, not after the next paint"
         for plot in plots.ci.items:
             assert plot.titleLabel.item.boundingRect().width() <= plot.boundingRect().width()
+
+
+def test_a_message_longer_than_the_dock_is_high_scrolls(dock: SplinesketchDock) -> None:
+    dock.resize(250, 420)
+    dock.controller.say("Could not be read: /a/long/path.json. " * 40)
+    QTest.qWait(50)
+    assert dock.notice.height() >= dock.notice.heightForWidth(dock.notice.width()), "all of it"
+    (bar,) = (area.verticalScrollBar() for area in dock.findChildren(Texts))
+    assert bar is not None and bar.maximum() > 0
+    dock.resize(250, 2500)
+    QTest.qWait(50)
+    assert bar.maximum() == 0, "where there is room, nothing scrolls"
 
 
 def test_names_of_layers_keep_their_ends(viewer: Any, dock: SplinesketchDock) -> None:

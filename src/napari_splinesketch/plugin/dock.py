@@ -119,12 +119,12 @@ class SplinesketchDock(qt.QWidget):
             *(self.eyes, self.colour_by.native, self.legend, self.steps, self.notes, self.settings),
         )
         ui.stack(self.content, *rows, margin=4).addStretch(1)
-        texts = ui.Texts(self.stage, self.notice, self.hint)
+        texts = ui.Texts(self.offer, self.stage, self.notice, self.hint)
         ui.stack(self.progress, (self.bar, self.cancel))
         policy = self.progress.sizePolicy()
         policy.setRetainSizeWhenHidden(True)  # so that nothing moves
         self.progress.setSizePolicy(policy)
-        ui.stack(below, self.offer, texts, self.progress, self.export, self.saved, margin=4)
+        ui.stack(below, texts, self.progress, self.export, self.saved, margin=4)
         ui.stack(self, ui.Column(self.content), below).setStretch(0, 1)
         ui.leave_keys(self)
 

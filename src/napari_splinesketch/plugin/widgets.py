@@ -10,7 +10,7 @@ from napari._app_model import get_app_model
 from napari.layers import Layer, Shapes
 from qtpy import QtWidgets as qt
 from qtpy.QtCore import QEvent, QObject, QSize, Qt  # pyright: ignore[reportPrivateImportUsage]
-from qtpy.QtGui import QKeyEvent
+from qtpy.QtGui import QKeyEvent, QResizeEvent
 from superqt import QElidingLabel
 
 from napari_splinesketch.plugin import choices, films, words
@@ -161,22 +161,6 @@ class TextLabel(qt.QLabel):
         self.setVisible(bool(text))
 
 
-class Texts(qt.QWidget):
-    """Texts below each other, with room for some lines at least, so that nothing around moves."""
-
-    def __init__(self, *labels: TextLabel):
-        super().__init__()
-        self._first = labels[0]
-        stack(self, *labels).insertStretch(0, 1)
-        self.setSizePolicy(qt.QSizePolicy.Policy.Preferred, qt.QSizePolicy.Policy.Maximum)
-
-    def event(self, a0: QEvent | None) -> bool:
-        """Make room in the font of the labels, which napari sets when they are shown."""
-        if a0 and a0.type() == QEvent.Type.LayoutRequest:
-            self.setMinimumHeight(LINES * self._first.fontMetrics().lineSpacing())
-        return super().event(a0)
-
-
 class Folded(qt.QWidget):
     """A title with an arrow that unfolds a widget, of any height: superqt's cuts long texts off."""
 
@@ -200,6 +184,8 @@ class Folded(qt.QWidget):
 class Column(qt.QScrollArea):
     """Scrolls when the user scrolls, and never by itself."""
 
+    least = WIDTH
+
     def __init__(self, content: qt.QWidget):
         super().__init__()
         self.setWidget(content)
@@ -212,7 +198,7 @@ class Column(qt.QScrollArea):
         least, widget, bar = super().minimumSizeHint(), self.widget(), self.verticalScrollBar()
         if widget and bar:
             room = widget.minimumSizeHint().width() + bar.sizeHint().width()
-            least.setWidth(max(WIDTH, room))
+            least.setWidth(max(self.least, room))
         return least
 
     def event(self, a0: QEvent | None) -> bool:
@@ -229,6 +215,39 @@ class Column(qt.QScrollArea):
         if bar and not (before and before.isEnabled() and before.isVisible()):
             bar.setValue(place)
         return moved
+
+
+class Texts(Column):
+    """Texts below each other, which scroll where they are long and the dock is low.
+
+    There is always room for some lines, so that nothing around moves.
+    """
+
+    least = NARROW
+
+    def __init__(self, *texts: qt.QWidget):
+        content = qt.QWidget()
+        super().__init__(content)
+        self._content, self._last = content, texts[-1]
+        stack(content, *texts).insertStretch(0, 1)
+        self.setSizePolicy(qt.QSizePolicy.Policy.Preferred, qt.QSizePolicy.Policy.Maximum)
+
+    def sizeHint(self) -> QSize:
+        """Ask for all of the texts, beside a bar: one that is there stays while they need it."""
+        least, bar, frame = self.minimumSizeHint(), self.verticalScrollBar(), 2 * self.frameWidth()
+        width = self.width() - frame - (bar.sizeHint().width() if bar else 0)
+        height = self._content.heightForWidth(width) + frame
+        return QSize(least.width(), max(height, least.height()))
+
+    def minimumSizeHint(self) -> QSize:
+        """Make room in the font of the texts, which napari sets when they are shown."""
+        lines = LINES * self._last.fontMetrics().lineSpacing()
+        return QSize(super().minimumSizeHint().width(), lines)
+
+    def resizeEvent(self, a0: QResizeEvent | None) -> None:
+        """Ask for another height where lines are longer or shorter now."""
+        super().resizeEvent(a0)
+        self.updateGeometry()
 
 
 class LayerChoice(qt.QComboBox):
