@@ -77,6 +77,14 @@ def test_results_of_an_image_go_with_it(ready: Bench) -> None:
     assert ready.viewer.layers[0].name == "sketches"
 
 
+def test_lines_removed_soon_after_undo_end_nothing(ready: Bench) -> None:
+    ready.refine()
+    ready.controller.undo()
+    assert ready.controller.drawing.runs, "what was undone is still being shown"
+    ready.viewer.layers.remove(ready.viewer.layers["sketches"])
+    assert "ended" not in ready.controller.notice.text
+
+
 @pytest.mark.parametrize("name", ["image 0", "sketches"])
 def test_a_layer_removed_while_curves_are_drawn_leaves_none(ready: Bench, name: str) -> None:
     ready.controller.refine()

@@ -344,7 +344,7 @@ class Controller(Keeper):
             if half or work.image not in there:
                 # Later: napari is still busy with the layer that it tells of.
                 QTimer.singleShot(0, work.remove)
-            if half or (self.progress and self._on is work):
+            if self.progress and self._on is work:
                 name = (work.sketches if work.image in there else work.image).name
                 self.finish(f"{name!r} was removed: what was running on it ended.", "cancelled")
         for work in self.works:
