@@ -47,6 +47,14 @@ def test_a_file_that_is_replaced_hands_down_its_mode(mode: int) -> None:
     assert stat.S_IMODE(Path("a.csv").stat().st_mode) == mode
 
 
+@pytest.mark.parametrize("name", ["a folder", "a" * 300])
+def test_what_cannot_be_written_is_named_as_it_was_given(inside: Path, name: str) -> None:
+    Path("a folder").mkdir()
+    with pytest.raises(OSError) as raised:
+        write(name)
+    assert raised.value.filename == str(inside / name)
+
+
 @pytest.mark.skipif(not hasattr(os, "getuid") or os.getuid() != 0, reason="needs root")
 def test_a_file_that_is_replaced_hands_down_its_owner() -> None:
     Path("a.csv").write_text("old")

@@ -215,7 +215,7 @@ def failure_of(error: Exception) -> str:
 
 @contextmanager
 def _beside(target: Path) -> Iterator[Path]:
-    """Give a temporary folder; where it cannot be made, or the disk is full, `target` is named."""
+    """Give a temporary folder; `target` is named where it, or what is in it, cannot be written."""
     folder = target.parent / _part_of(target, uuid4().hex)
     try:
         folder.mkdir(0o700)
@@ -225,7 +225,7 @@ def _beside(target: Path) -> Iterator[Path]:
         full = number in FULL or any(words in str(error) for words in SAID_WHEN_FULL)
         if full and WHEN_FULL not in str(error):
             raise OSError(number or errno.ENOSPC, WHEN_FULL, str(target)) from error
-        if isinstance(error, OSError) and error.filename == str(folder):
+        if isinstance(error, OSError) and str(error.filename).startswith(str(folder)):
             raise OSError(number, error.strerror, str(target)) from error
         raise
     finally:
