@@ -463,3 +463,9 @@ def test_a_half_width_of_other_images_is_named_where_it_finds_nothing(
     viewer.add_image(film[0], name="worms")
     press_suggest(dock)
     assert "Only bodies as described under Settings are looked for." in dock.notice.text()
+    controller = dock.controller
+    controller.choose(half_width=0.0)
+    controller.suggestions.change_sensitivity(0.6)
+    controller.tell()
+    until(lambda: controller.notice.text, SOON)
+    assert "Only bodies as described" in controller.notice.text, "as when lines were looked for"

@@ -40,7 +40,8 @@ class Suggestions:
     def __init__(self, controller: Controller):
         self.sensitivity = 0.5  # from 0, only what stands out, to 1, also what is faint or short
         self._controller = controller
-        # Work and frame of the last lines, and what others are chosen from when the slider moves.
+        # Work and frame of the last lines, whether bodies were described, and what is there to
+        # choose from when the slider moves.
         self._last: Any = None
         self._soon = qdebounced(self._choose, PREVIEW_AFTER_MS)
 
@@ -59,16 +60,18 @@ class Suggestions:
         mine = [line for line, position in pairs if position not in old]
         corners = np.array([[0.0, 0.0], np.subtract(space.size_of(image), 1)])
         look = partial(engine.suggest, space.block_around(image, frame, [corners]), mine)
-        look = partial(look, c.records(frame), c.how(image))
-        c.start(look, partial(self._on_suggested, work, frame), "Suggesting", on=work)
+        how = c.how(image)
+        given = how.half_width is not None or how.polarity != "auto"
+        look = partial(look, c.records(frame), how)
+        c.start(look, partial(self._on_suggested, work, frame, given), "Suggesting", on=work)
 
     def change_sensitivity(self, value: float) -> None:
         """Suggest other lines in the place of the last ones, soon, or when nothing runs."""
         self.sensitivity = value
         self._soon()
 
-    def _on_suggested(self, work: Work, frame: int, found: engine.Suggestions) -> None:
-        self._last = work, frame, found
+    def _on_suggested(self, work: Work, frame: int, given: bool, found: engine.Suggestions) -> None:
+        self._last = work, frame, given, found
         # What was deleted here may be suggested again now.
         gone = {one for one in work.touched() if one[0] == frame}
         work.suggested = {one: line for one, line in work.suggested.items() if one not in gone}
@@ -85,7 +88,7 @@ class Suggestions:
 
     def _put(self, tell: Callable[[str], None], *, first: bool = False) -> None:
         """Draw the lines that are chosen now, choices in a row as one step, and tell of them."""
-        work, frame, found = self._last
+        work, frame, given, found = self._last
         where = f" in frame {space.times_of(work.image).place(frame)}"
         step = "Suggest lines" + where * (space.frame_count(work.image) > 1)
         chosen = found.choose(self.sensitivity)
@@ -97,8 +100,6 @@ class Suggestions:
 
         def over() -> None:
             there = work.positions(state.suggestions.keys() - refined.suggestions)
-            how = self._controller.how(work.image)
-            given = how.half_width is not None or how.polarity != "auto"
             tell(words.suggested(len(there), self.sensitivity, given=given))
 
         if state.suggestions.keys() != work.state.suggestions.keys():
