@@ -1,25 +1,24 @@
 """How long the table and the plots take with many curves; run with
 
-    PYTHONPATH=tests python -m plugin.measure_table [NUMBER]
+    python tests/plugin/measure_table.py [NUMBER]
 
 on a display, or under xvfb-run.
 """
 
-import sys
+import argparse
 import time
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from fakes import FakeEngine
+from hand import QTest, refine
 from napari import Viewer
 from napari.layers import Shapes
 from qtpy.QtCore import Qt
 
 from napari_splinesketch.plugin import engine
 from napari_splinesketch.plugin.dock import SplinesketchDock
-
-from .fakes import FakeEngine
-from .hand import QTest, refine
 
 REPEATS = 20
 
@@ -63,9 +62,7 @@ def main(number: int) -> None:
         panel.plots.repaint()
 
     ids = [record.id for record in panel.model.records]
-    print(
-        "selecting a curve:", milliseconds(lambda i: setattr(controller, "selected", (0, ids[i])))
-    )
+    print("selecting a curve:", milliseconds(lambda i: controller.select([(0, ids[i])])))
     print("drawing the plots:", milliseconds(draw))
     print("accepting a curve:", milliseconds(lambda i: dock.controller.actions.run("accept")))
     orders = Qt.SortOrder.AscendingOrder, Qt.SortOrder.DescendingOrder
@@ -75,4 +72,6 @@ def main(number: int) -> None:
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]) if len(sys.argv) > 1 else 500)
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("number", nargs="?", type=int, default=500, help="of curves")
+    main(parser.parse_args().number)

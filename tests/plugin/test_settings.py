@@ -56,6 +56,15 @@ def test_what_nobody_can_have_chosen_is_refused(
     assert replace(settings.load(), keys={}) == Settings()
 
 
+def test_a_script_that_chooses_what_there_is_not_is_told_so(
+    viewer: Any, fake: FakeEngine, npe2pm_installed: None
+) -> None:
+    controller = add_dock(viewer).controller
+    with pytest.raises(ValueError, match="'balanced', 'paper'"):
+        controller.choose(preset="fast")
+    assert controller.settings.preset == "balanced"
+
+
 def test_the_manifest_has_every_key_and_default(
     viewer: Any, fake: FakeEngine, npe2pm_installed: None
 ) -> None:

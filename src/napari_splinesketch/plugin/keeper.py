@@ -262,13 +262,17 @@ class Keeper:
         return replace(self.settings, half_width=self.settings.half_width_in(ruler_of(image)))
 
     def choose(self, **chosen: object) -> None:
-        """Take settings that the user chose, and keep them for other sessions."""
-        self._take(replace(self.settings, **chosen))
+        """Take settings that the user chose, and keep them for other sessions.
+
+        ValueError where napari knows of no such choice.
+        """
+        wanted = replace(self.settings, **chosen)
         try:
-            choices.save(self.settings)
+            choices.save(wanted)
         except OSError as error:
             why = f"napari could not write its settings ({error.strerror or error})"
             self.say(f"Chosen, but not for next time: {why}. Make room there, and choose again.")
+        self._take(wanted)
 
     def close(self) -> None:
         """Hear of nothing any more; what is known stays with its layers."""
