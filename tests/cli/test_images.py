@@ -91,12 +91,20 @@ def test_frames_appended_some_at_a_time_are_a_film(tmp_path: Path, compression: 
     with tifffile.TiffWriter(tmp_path / "a.tif") as writer:
         for some in (FRAMES[:2], FRAMES[2:3], FRAMES[3:], FRAMES[:3]):
             writer.write(some, photometric="minisblack", compression=compression)
-        writer.write(np.zeros((2, *FRAMES.shape[1:]), np.float64), photometric="minisblack")
     with open_frames(str(tmp_path / "a.tif")) as frames:
         read = [frames[i] for i in range(frames.count)]
-    assert np.array_equal(read, np.concatenate([FRAMES, FRAMES[:3]])), "and no other kind of number"
+    assert np.array_equal(read, np.concatenate([FRAMES, FRAMES[:3]]))
     with pytest.raises(ImageError, match="has no axis for --z"):
         open_frames(str(tmp_path / "a.tif"), z=1).__enter__()
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_stacks_of_several_types_are_refused(tmp_path: Path, count: int) -> None:
+    with tifffile.TiffWriter(tmp_path / "a.tif") as writer:
+        for some in (FRAMES, np.zeros((count, *FRAMES.shape[1:]), bool)):
+            writer.write(some, photometric="minisblack")
+    with pytest.raises(ImageError, match=f"stacks are {FRAMES.dtype}, bool; save"):
+        open_frames(str(tmp_path / "a.tif")).__enter__()
 
 
 @pytest.mark.parametrize("shaped", [True, False])

@@ -60,10 +60,12 @@ def _frames(
     size = shape[-last:]
     parts = [series]  # or frames that were appended, one by one or some at a time
     if plain or shape == size:
-        alike = (one for one in file.series if one.shape[-last:] == size)
-        parts = [
-            p for p in alike if p.shape == shape == size or (plain and p.dtype == series.dtype)
-        ]
+        alike = [one for one in file.series if one.shape[-last:] == size]
+        parts = [part for part in alike if plain or part.shape == size]
+        kinds = dict.fromkeys(str(part.dtype) for part in parts)
+        if len(kinds) > 1 and any(part.shape != size for part in parts):
+            said = ", ".join(kinds)
+            raise ImageError(f"{path}: its stacks are {said}; save those of one type as a file")
     planes = [choose_planes(path.name, p.axes[:-last], p.shape[:-last], channel, z) for p in parts]
     ends = np.cumsum([count for count, _ in planes])
     stack = lru_cache(1)(lambda part: parts[part].asarray())
