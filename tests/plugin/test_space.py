@@ -88,6 +88,19 @@ def test_a_flat_sketch_lies_in_the_frame_in_view() -> None:
     np.testing.assert_allclose(found, [[3, 2, 4]])
 
 
+@pytest.mark.parametrize("units", ["pixel", "s"])
+def test_between_two_frames_it_is_the_one_that_napari_shows(units: str) -> None:
+    viewer, numbers = ViewerModel(), np.arange(8)[:, None, None] * np.ones((1, 6, 7))
+    placed: Any = {"translate": (1.3, 0, 0), "units": (units, "pixel", "pixel")}
+    image = viewer.add_image(numbers, **placed)
+    viewer.add_image(np.zeros((16, 6, 7)), scale=(0.5, 1, 1), **placed)
+    assert isinstance(image, Image)
+    for step in range(15):
+        viewer.dims.set_current_step(0, step)
+        shown = image.get_value((viewer.dims.point[0], 1, 1), world=True)
+        assert current_frame(viewer, image) == shown
+
+
 def test_fractions_of_frames_are_rounded_in_the_image() -> None:
     viewer: Any = ViewerModel()
     image = viewer.add_image(np.zeros((5, 40, 60)))

@@ -83,13 +83,18 @@ def _affine(
     viewer: ViewerModel, layer: Layer
 ) -> tuple[Float[np.ndarray, "D D"], Float[np.ndarray, " D"]]:
     """Matrix and offset from a layer's data to the world, by its corner and the unit vectors."""
-    own, window = layer.units, viewer.layers.extent.units
-    units = window[-layer.ndim :] if window and len(window) >= layer.ndim else own
-    convert = pint.get_application_registry().convert
-    factors = [convert(1.0, *pair) for pair in zip(own, units, strict=True)]
+    factors = _factors(viewer, layer)
     corners = [layer.data_to_world(point) for point in np.eye(layer.ndim + 1, layer.ndim, -1)]
     offset, *ends = np.array(corners) * factors
     return np.column_stack(ends) - offset[:, None], offset
+
+
+def _factors(viewer: ViewerModel, layer: Layer) -> Float[np.ndarray, " D"]:
+    """Units of the window in one of a layer's, for each axis of the layer."""
+    own, window = layer.units, viewer.layers.extent.units
+    units = window[-layer.ndim :] if window and len(window) >= layer.ndim else own
+    convert = pint.get_application_registry().convert
+    return np.array([convert(1.0, *pair) for pair in zip(own, units, strict=True)])
 
 
 def plane_problem(viewer: ViewerModel, image: Image | None) -> str:
@@ -106,7 +111,9 @@ def plane_problem(viewer: ViewerModel, image: Image | None) -> str:
 
 def current_frame(viewer: ViewerModel, image: Image) -> int:
     """Index of the frame in view, counted over all axes before (row, col); 0 without any."""
-    point = from_world(viewer, image, np.array(viewer.dims.point)[None, -image.ndim :])
+    # As napari does, to the last digit: between two frames, that decides which of them is shown.
+    here = np.array(viewer.dims.point)[-image.ndim :] / _factors(viewer, image)
+    point = image.world_to_data(here)[None]
     point[:, :-2] = np.minimum(point[:, :-2], np.subtract(frame_shape(image), 1))
     return frame_numbers(image, point)[0]
 
