@@ -1,11 +1,13 @@
 """Suggest in the window: ordinary lines, taken back by one step, never in the user's way."""
 
+import gc
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib import import_module
 from types import SimpleNamespace
 from typing import Any
+from weakref import ref
 
 import numpy as np
 import pytest
@@ -469,3 +471,14 @@ def test_a_half_width_of_other_images_is_named_where_it_finds_nothing(
     controller.tell()
     until(lambda: controller.notice.text, SOON)
     assert "Only bodies as described" in controller.notice.text, "as when lines were looked for"
+
+
+@pytest.mark.slow
+@pytest.mark.garbage
+def test_an_image_that_is_removed_goes_from_memory(
+    viewer: Any, dock: SplinesketchDock, film: np.ndarray
+) -> None:
+    image = ref(viewer.add_image(film[0].copy(), name="worms"))
+    press_suggest(dock)
+    viewer.layers.clear()
+    until(lambda: gc.collect() >= 0 and image() is None, SOON)

@@ -6,6 +6,7 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
+from weakref import ref
 
 import numpy as np
 from superqt.utils import qdebounced
@@ -71,7 +72,7 @@ class Suggestions:
         self._soon()
 
     def _on_suggested(self, work: Work, frame: int, given: bool, found: engine.Suggestions) -> None:
-        self._last = work, frame, given, found
+        self._last = ref(work), frame, given, found  # which has the pixels of its image
         # What was deleted here may be suggested again now.
         gone = {one for one in work.touched() if one[0] == frame}
         work.suggested = {one: line for one, line in work.suggested.items() if one not in gone}
@@ -81,14 +82,15 @@ class Suggestions:
         c = self._controller
         if c.progress:
             self._soon()
-        elif self._last and self._last[:2] == (c.work, c.frame):
+        elif c.work and self._last and self._last[:2] == (ref(c.work), c.frame):
             self._put(c.tell)
         else:
             c.tell(words.NEXT_TIME)
 
     def _put(self, tell: Callable[[str], None], *, first: bool = False) -> None:
         """Draw the lines that are chosen now, choices in a row as one step, and tell of them."""
-        work, frame, given, found = self._last
+        known, frame, given, found = self._last
+        work: Work = known()
         where = f" in frame {space.times_of(work.image).place(frame)}"
         step = "Suggest lines" + where * (space.frame_count(work.image) > 1)
         chosen = found.choose(self.sensitivity)
