@@ -119,6 +119,11 @@ def test_a_message_longer_than_the_dock_is_high_scrolls(dock: SplinesketchDock) 
     dock.resize(250, 2500)
     QTest.qWait(50)
     assert bar.maximum() == 0, "where there is room, nothing scrolls"
+    dock.controller.tell()
+    dock.offer.said.say("Saved work (30 November 2026, 11:54): 2 sketches and 2 curves. " * 3)
+    dock.offer.show()
+    QTest.qWait(50)
+    assert bar.maximum() == 0 and dock.offer.pos().y() < 5, "nor is there a gap"
 
 
 def test_names_of_layers_keep_their_ends(viewer: Any, dock: SplinesketchDock) -> None:

@@ -230,6 +230,8 @@ class Texts(Column):
         super().__init__(content)
         self._content, self._last = content, texts[-1]
         stack(content, *texts).insertStretch(0, 1)
+        # As high as its texts in this width, not as what Qt thinks of them in a narrower one.
+        content.setSizePolicy(qt.QSizePolicy.Policy.Preferred, qt.QSizePolicy.Policy.Ignored)
         self.setSizePolicy(qt.QSizePolicy.Policy.Preferred, qt.QSizePolicy.Policy.Maximum)
 
     def sizeHint(self) -> QSize:
