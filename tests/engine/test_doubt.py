@@ -104,6 +104,28 @@ def test_long_clicked_sketches_may_be_farther_from_their_bodies():
     assert rooms[1] - rooms[0] > 1
 
 
+@pytest.mark.parametrize(
+    ("change", "ends_off"),
+    [
+        (lambda line: line, 0.0),
+        (lambda line: line + np.array([12.0, 0.0]), 0.0),  # drawn beside it as a whole
+        (lambda line: line[10:], 0.0),
+        (lambda line: line[30:], 19.1),
+        (lambda line: np.concatenate([line, line[-1] + [[12.0, 4.0], [24.0, 8.0]]]), 25.3),
+        (lambda line: line[[0, -1]] + [[0.0, 0.0], [20.0, 0.0]], 20.0),
+    ],
+    ids=["on it", "moved", "a little short", "short", "hooked", "straight"],
+)
+def test_a_curve_that_ends_far_from_the_ends_of_a_stroke_says_so(change, ends_off: float) -> None:
+    along = np.linspace(0, 60, 100)
+    bent = np.column_stack([6 * np.sin(along / 10), along])
+    stroke = change(bent)
+    start = Start(stroke, True, stroke, 4, 2.0, 1.0, known())
+    found = collect(*without_caps(bent), np.full(100, 0.1), 2.0, start)
+    assert found.missed_end == pytest.approx(ends_off, abs=0.5)
+    assert any("from an end of its sketch" in x for x in reasons(found)) == (ends_off > 0)
+
+
 def test_signs_and_weights_belong_together():
     assert (
         len(doubt.SIGNS)
@@ -127,4 +149,4 @@ def test_a_curve_that_ends_long_before_its_clicked_sketch_says_so(
     sketch = np.column_stack([np.full(6, 40.0), np.linspace(28, end + too_long, 6)])
     curve = refine(image, [sketch]).curves[0]
     assert abs(curve.points[-1, 1] - end) < 3
-    assert any("before its sketch does" in reason for reason in curve.reasons) == marked
+    assert any("from an end of its sketch" in reason for reason in curve.reasons) == marked

@@ -139,6 +139,24 @@ def test_bodies_packed_side_by_side_stand_out() -> None:
     assert found > 0.4 * total, "a quarter, with blocks that lie within a pack"
 
 
+@pytest.mark.parametrize("halo", [0.5, 0.8, 1.0])
+def test_halos_of_bodies_are_not_offered(halo: float) -> None:
+    rows, columns = np.mgrid[:220, :220].astype(float)
+    away, half_width = np.full(rows.shape, np.inf), 7.0
+    rods = [(50, 60, 0.2), (150, 60, 1.2), (120, 150, 0.7), (60, 160, -0.6)]
+    for row, column, angle in rods:
+        down, right, sin, cos = rows - row, columns - column, np.sin(angle), np.cos(angle)
+        along = np.clip(np.abs(down * sin + right * cos) - 38, 0, None)
+        away = np.minimum(away, np.hypot(along, down * cos - right * sin) - half_width)
+    image = halo * np.exp(-0.5 * ((away - 4) / 2) ** 2) * (away > 0) - (away < 0)
+    image = ndimage.gaussian_filter(image, 1.5)
+    image += np.random.default_rng(0).normal(0, 0.05, rows.shape)
+    found = suggest(image)
+    assert len(found) == len(rods)
+    inside = [(away[tuple(np.rint(line).astype(int).T)] < 0).mean() for line in found]
+    assert min(inside) >= 0.75
+
+
 def test_one_body_alone() -> None:
     made = synthetic.scene(3, bodies=1, shape=(128, 160))
     (line,) = suggest(made.image)

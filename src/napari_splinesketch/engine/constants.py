@@ -239,6 +239,9 @@ ALIKE_ALONG = 0.1  # lines are alike within this share of their length along it 
 ALIKE_BESIDE_HW = 1.0  # ... and this beside it,
 ALIKE_PLACES = 8  # on average at this many places (speed)
 ALIKE_ENOUGH = 3  # lines that are found more often than this gain nothing more
+RIM_HIGHER = 1.2  # a line is a rim if ridges of the other polarity beside it are so much higher,
+RIM_WIDER = 1.5  # and so much wider;
+RIM_AWAY_HW = 0.8  # their middle is its own half-width and this much of theirs away (geometry)
 COVERED = 0.7  # a line is dropped if this share of it lies on stronger ones,
 COVERED_HW = 1.2  # that is within this of them (geometry) ...
 COVERED_PX = 0.5  # ... plus this (geometry)
@@ -386,6 +389,8 @@ DOUBT_USUAL = np.array([-2.6, 0.3, 1.5, 0.0])
 DOUBT_THRESHOLD = 3.2
 # a curve whose standard error is this many half-widths needs review anyway (by design):
 ADRIFT = 2.0
+ENDS_HITS = 2.0  # a curve that ends so many `scoring.hit` from its sketch's end needs review,
+STROKE_END = 0.14  # plus this share of the length of a sketch that is not clicked, or CLICKED_END
 TELLING = 0.5  # signs that add more than this to the sum are named as reasons (by design)
 # a half-width that varies by this share along a body is called a profile (by design):
 WIDTH_VARIES = 0.1

@@ -16,7 +16,13 @@ from napari_splinesketch.engine.find.tracing import traced
 from napari_splinesketch.engine.look.band import band
 from napari_splinesketch.engine.look.ridges import WIDTHS, Ridges, factor_of, rung_of
 from napari_splinesketch.engine.look.scene import filled, pixel_noise
-from napari_splinesketch.engine.spline import arc_length, fit_knots, resample, resample_each
+from napari_splinesketch.engine.spline import (
+    arc_length,
+    fit_knots,
+    normals,
+    resample,
+    resample_each,
+)
 from napari_splinesketch.engine.types import Array, Line, OnProgress, Polarity, Progress, says_stop
 
 Tick = Callable[[int], None]
@@ -47,9 +53,13 @@ class Traced:
     line: Line
     half_width: float
     """Of its body, px."""
+    height: float
+    """Of its ridge, in the image's units."""
     strength: float
     """Square root of its ridge's height, times how surely it is one along all of it, times its
     slenderness, times how often a line like it is found, whatever its half-width."""
+    rim: bool = False
+    """Whether it may be the rim of a body of the other polarity."""
 
     @property
     def length(self) -> float:
@@ -148,17 +158,16 @@ def prepare(
         if valid.size > const.SUGGEST_LARGE:
             ridges.keep()
         tick(1)
-    found = [
-        _apart(_traced_at(ridges, valid, sign, rungs, highest[sign], tick), shape, tick)
-        for sign in signs
-    ]
-    total = [sum(one.strength * one.length for one in lines) for lines in found]
-    likely = [
-        lines
-        for lines, of in zip(found, total, strict=True)
-        if of >= const.SUGGEST_BOTH * max(total)
-    ]
-    best = _apart([one for lines in likely for one in lines], shape, tick)
+    found = [_traced_at(ridges, valid, sign, rungs, highest[sign], tick) for sign in signs]
+    # Rims do not tell which polarity bodies have; of that one, what looks like a rim may be a body.
+    clean = [_apart([one for one in lines if not one.rim], shape, tick) for lines in found]
+    total = [sum(one.strength * one.length for one in lines) for lines in clean]
+    strongest = int(np.argmax(total))
+    likely = list(found[strongest])
+    for k, lines in enumerate(clean):
+        if k != strongest and total[k] >= const.SUGGEST_BOTH * total[strongest]:
+            likely += lines
+    best = _apart(likely, shape, tick)
     if not best:
         return Suggestions((), np.zeros(0))
     strength = np.array([one.strength for one in best])
@@ -187,9 +196,10 @@ def _traced_at(
         if valid.size > const.SUGGEST_LARGE:
             ridges.keep({(k, sign) for k in near if k >= rung - 1})
     counts = np.minimum(_alike(found), const.ALIKE_ENOUGH)
+    rims = _rims(ridges, found, sign, rungs, valid.size > const.SUGGEST_LARGE, tick)
     return [
-        replace(one, strength=one.strength * count)
-        for one, count in zip(found, counts, strict=True)
+        replace(one, strength=one.strength * count, rim=rim)
+        for one, count, rim in zip(found, counts, rims.tolist(), strict=True)
         if one.strength > 0
     ]
 
@@ -221,8 +231,8 @@ def _traced(
     sure = np.add.reduceat(seen, np.cumsum(counts) - counts) / counts
     strength = np.sqrt(highest) * sure**3 * np.log(lengths / width)
     strength[np.abs(own - rung) > const.SUGGEST_OFF] = 0
-    found = zip(lines, own.tolist(), strength.tolist(), strict=True)
-    return [Traced(line, WIDTHS[k], strong) for line, k, strong in found]
+    found = zip(lines, own.tolist(), highest.tolist(), strength.tolist(), strict=True)
+    return [Traced(line, WIDTHS[k], height, strong) for line, k, height, strong in found]
 
 
 def _bodies(evidence: Float[Array, "H W"], most: float) -> Bool[Array, "H W"]:
@@ -270,6 +280,39 @@ def _alike(found: Sequence[Traced]) -> Int[Array, " N"]:
             beside < const.ALIKE_BESIDE_HW * width[one]
         )
     return np.bincount(one[alike], minlength=len(found))
+
+
+def _rims(
+    ridges: Ridges,
+    found: Sequence[Traced],
+    sign: int,
+    rungs: Sequence[int],
+    large: bool,
+    tick: Tick,
+) -> Bool[Array, " N"]:
+    """Which lines may be rims of bodies, as halos are, and no bodies themselves.
+
+    Beside a rim the ridge of a much wider body of the other polarity runs, which is higher. Of a
+    `large` image no ridges are kept.
+    """
+    if not found:
+        return np.zeros(0, dtype=bool)
+    lines, _ = resample_each([one.line for one in found])
+    counts = [len(line) for line in lines]
+    points, normal = np.concatenate(lines), np.concatenate([normals(line) for line in lines])
+    width, beside = np.repeat([one.half_width for one in found], counts), np.zeros(len(points))
+    for rung in rungs:
+        tick(0)
+        wider = np.flatnonzero(const.RIM_WIDER * width < WIDTHS[rung])
+        if len(wider):
+            away = (width[wider] + const.RIM_AWAY_HW * WIDTHS[rung])[:, None] * normal[wider]
+            for at in (points[wider] - away, points[wider] + away):
+                beside[wider] = np.maximum(beside[wider], _heights(ridges, rung, -sign, at))
+        if large:
+            ridges.keep()
+    each = np.repeat(np.arange(len(found)), counts)
+    usual = ndimage.median(beside, each, range(len(found)))
+    return usual > const.RIM_HIGHER * np.array([one.height for one in found])
 
 
 def _apart(found: Sequence[Traced], shape: tuple[int, int], tick: Tick) -> list[Traced]:

@@ -9,7 +9,6 @@ from napari_splinesketch.engine import constants as const
 from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.find import scoring
 from napari_splinesketch.engine.find.finding import Start
-from napari_splinesketch.engine.judge.position import end_directions
 from napari_splinesketch.engine.types import Array
 
 SIGNS = ("sd", "astray", "cost", "rival")
@@ -40,7 +39,7 @@ class Evidence:
     margin: float
     """What it would cost if this sketch meant another path."""
     missed_end: float = 0.0
-    """How far it ends before a clicked end of its sketch, px; 0 where that is usual."""
+    """How far it ends from an end of its sketch, px; 0 where that is usual."""
 
     @property
     def uncertain(self) -> float:
@@ -83,13 +82,13 @@ def collect(
     drawn = spline.resample(sketch, len(points))
     astray = max(spline.apart(points[inside], drawn).max(), spline.apart(drawn, points).max())
     clicked, length = scoring.clicked(sketch), float(spline.arc_length(sketch)[-1])
-    share = const.HIT_SHARE if clicked else const.STROKE_SHARE
-    missed_end = 0.0
+    share, ends = const.STROKE_SHARE, const.STROKE_END
     if clicked:
-        beyond = sketch[[0, -1]] - points[[0, -1]]
-        short = float((beyond * end_directions(points)).sum(1).max())
-        usual = scoring.hit(half_width, length) + const.CLICKED_END * length
-        missed_end = short if short > usual else 0.0
+        share, ends = const.HIT_SHARE, const.CLICKED_END
+    missed_end = float(np.linalg.norm(points[[0, -1]] - sketch[[0, -1]], axis=1).max())
+    near = const.ENDS_HITS * scoring.hit(half_width) + ends * length
+    if missed_end < near or (len(sketch) > 2 and scoring.moved(sketch, points, half_width)):
+        missed_end = 0.0
     return Evidence(
         float(sd[end:-end].max()),
         float(astray),
@@ -104,7 +103,7 @@ def collect(
 def reasons(evidence: Evidence) -> list[str]:
     """Why a curve needs review, in words for the user; empty where it does not."""
     share = const.DOUBT_WEIGHTS * (evidence.signs - const.DOUBT_USUAL)
-    missed = [f"it ends {evidence.missed_end:.0f} px before its sketch does"]
+    missed = [f"it ends {evidence.missed_end:.0f} px from an end of its sketch"]
     missed *= evidence.missed_end > 0
     if share.sum() < const.DOUBT_THRESHOLD and evidence.uncertain < const.ADRIFT:
         return missed
