@@ -172,6 +172,7 @@ MECHANISMS: dict[str, Callable[[], None]] = {
     "learned blur": _held("log_blur"),
     "learned overlap": _held("overlap"),
     "local background": _held("offset", "slope_row", "slope_col"),
+    "curves end where their sketches do, or are marked": _set(constants, ENDS_HITS=np.inf),
     "weak signs of doubt": _set(doubt, reasons=lambda _: []),
 }
 
