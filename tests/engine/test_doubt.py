@@ -108,7 +108,7 @@ def test_long_clicked_sketches_may_be_farther_from_their_bodies():
     ("change", "ends_off"),
     [
         (lambda line: line, 0.0),
-        (lambda line: line + np.array([12.0, 0.0]), 0.0),  # drawn beside it as a whole
+        (lambda line: line + np.array([20.0, 0.0]), 0.0),  # drawn beside it as a whole
         (lambda line: line[10:], 0.0),
         (lambda line: line[30:], 19.1),
         (lambda line: np.concatenate([line, line[-1] + [[12.0, 4.0], [24.0, 8.0]]]), 25.3),
