@@ -139,8 +139,11 @@ def test_bodies_packed_side_by_side_stand_out() -> None:
     assert found > 0.4 * total, "a quarter, with blocks that lie within a pack"
 
 
-@pytest.mark.parametrize("halo", [0.5, 0.8, 1.0])
-def test_halos_of_bodies_are_not_offered(halo: float) -> None:
+@pytest.mark.parametrize(
+    ("halo", "broad", "given"),
+    [(0.5, 2, None), (0.8, 2, None), (1.0, 2, None), (0.6, 6, 7.0), (0.9, 6, 9.0)],
+)
+def test_halos_of_bodies_are_not_offered(halo: float, broad: float, given: float | None) -> None:
     rows, columns = np.mgrid[:220, :220].astype(float)
     away, half_width = np.full(rows.shape, np.inf), 7.0
     rods = [(50, 60, 0.2), (150, 60, 1.2), (120, 150, 0.7), (60, 160, -0.6)]
@@ -148,10 +151,10 @@ def test_halos_of_bodies_are_not_offered(halo: float) -> None:
         down, right, sin, cos = rows - row, columns - column, np.sin(angle), np.cos(angle)
         along = np.clip(np.abs(down * sin + right * cos) - 38, 0, None)
         away = np.minimum(away, np.hypot(along, down * cos - right * sin) - half_width)
-    image = halo * np.exp(-0.5 * ((away - 4) / 2) ** 2) * (away > 0) - (away < 0)
+    image = halo * np.exp(-0.5 * ((away - broad - 2) / broad) ** 2) * (away > 0) - (away < 0)
     image = ndimage.gaussian_filter(image, 1.5)
     image += np.random.default_rng(0).normal(0, 0.05, rows.shape)
-    found = suggest(image)
+    found = suggest(image, half_width=given)
     assert len(found) == len(rods)
     inside = [(away[tuple(np.rint(line).astype(int).T)] < 0).mean() for line in found]
     assert min(inside) >= 0.75

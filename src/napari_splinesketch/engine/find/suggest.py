@@ -58,8 +58,6 @@ class Traced:
     strength: float
     """Square root of its ridge's height, times how surely it is one along all of it, times its
     slenderness, times how often a line like it is found, whatever its half-width."""
-    rim: bool = False
-    """Whether it may be the rim of a body of the other polarity."""
 
     @property
     def length(self) -> float:
@@ -137,7 +135,7 @@ def prepare(
     ridges = Ridges(whole, pixel_noise(whole))
     del image, whole  # in double precision, and no longer needed
     most = int(np.searchsorted(WIDTHS, max(const.SUGGEST_WIDEST * min(shape), 2.0), side="right"))
-    rungs = range(most)
+    rungs = every = range(most)
     if half_width is not None:
         rungs = [rung_of(half_width)]
     signs = {"bright": (1,), "dark": (-1,)}.get(polarity, (1, -1))
@@ -160,7 +158,11 @@ def prepare(
         tick(1)
     found = [_traced_at(ridges, valid, sign, rungs, highest[sign], tick) for sign in signs]
     # Rims do not tell which polarity bodies have; of that one, what looks like a rim may be a body.
-    clean = [_apart([one for one in lines if not one.rim], shape, tick) for lines in found]
+    large = valid.size > const.SUGGEST_LARGE
+    clean = [
+        _apart(_without_rims(ridges, lines, sign, every, large, tick), shape, tick)
+        for lines, sign in zip(found, signs, strict=True)
+    ]
     total = [sum(one.strength * one.length for one in lines) for lines in clean]
     strongest = int(np.argmax(total))
     likely = list(found[strongest])
@@ -196,10 +198,9 @@ def _traced_at(
         if valid.size > const.SUGGEST_LARGE:
             ridges.keep({(k, sign) for k in near if k >= rung - 1})
     counts = np.minimum(_alike(found), const.ALIKE_ENOUGH)
-    rims = _rims(ridges, found, sign, rungs, valid.size > const.SUGGEST_LARGE, tick)
     return [
-        replace(one, strength=one.strength * count, rim=rim)
-        for one, count, rim in zip(found, counts, rims.tolist(), strict=True)
+        replace(one, strength=one.strength * count)
+        for one, count in zip(found, counts, strict=True)
         if one.strength > 0
     ]
 
@@ -282,21 +283,21 @@ def _alike(found: Sequence[Traced]) -> Int[Array, " N"]:
     return np.bincount(one[alike], minlength=len(found))
 
 
-def _rims(
+def _without_rims(
     ridges: Ridges,
     found: Sequence[Traced],
     sign: int,
     rungs: Sequence[int],
     large: bool,
     tick: Tick,
-) -> Bool[Array, " N"]:
-    """Which lines may be rims of bodies, as halos are, and no bodies themselves.
+) -> list[Traced]:
+    """The lines that are no rims of bodies, as halos are.
 
-    Beside a rim the ridge of a much wider body of the other polarity runs, which is higher. Of a
-    `large` image no ridges are kept.
+    Beside a rim the ridge of a much wider body of the other polarity runs, which is higher; it may
+    have the half-width of any of the `rungs`. Of a `large` image no ridges are kept.
     """
     if not found:
-        return np.zeros(0, dtype=bool)
+        return []
     lines, _ = resample_each([one.line for one in found])
     counts = [len(line) for line in lines]
     points, normal = np.concatenate(lines), np.concatenate([normals(line) for line in lines])
@@ -312,7 +313,8 @@ def _rims(
             ridges.keep()
     each = np.repeat(np.arange(len(found)), counts)
     usual = ndimage.median(beside, each, range(len(found)))
-    return usual > const.RIM_HIGHER * np.array([one.height for one in found])
+    pairs = zip(found, usual.tolist(), strict=True)
+    return [one for one, high in pairs if high <= const.RIM_HIGHER * one.height]
 
 
 def _apart(found: Sequence[Traced], shape: tuple[int, int], tick: Tick) -> list[Traced]:
