@@ -148,22 +148,21 @@ def prepare(
             raise CancelledError
 
     tick(0)
-    highest = dict.fromkeys(signs, -np.inf)
+    large, highest = valid.size > const.SUGGEST_LARGE, dict.fromkeys(signs, -np.inf)
     for rung in rungs:
         for sign in signs:
             of = float(np.quantile(ridges.heights(rung, sign), const.SUGGEST_HIGHEST))
             highest[sign] = max(highest[sign], of)
-        if valid.size > const.SUGGEST_LARGE:
+        if large:
             ridges.keep()
         tick(1)
     found = [_traced_at(ridges, valid, sign, rungs, highest[sign], tick) for sign in signs]
-    # Rims do not tell which polarity bodies have; of that one, what looks like a rim may be a body.
-    large = valid.size > const.SUGGEST_LARGE
     clean = [
         _apart(_without_rims(ridges, lines, sign, every, large, tick), shape, tick)
         for lines, sign in zip(found, signs, strict=True)
     ]
     total = [sum(one.strength * one.length for one in lines) for lines in clean]
+    # Rims do not tell which polarity bodies have; of that one, what looks like a rim may be a body.
     strongest = int(np.argmax(total))
     likely = list(found[strongest])
     for k, lines in enumerate(clean):
