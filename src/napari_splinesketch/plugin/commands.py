@@ -263,11 +263,8 @@ class Commands:
         """Do it, to the curve that is pointed at where none in view is selected; or say why not."""
         command, c, self.by_button = self.table[name], self._controller, by_button
         unselected = f"Select {command.curves}"
-        if (
-            command.curves
-            and self.problem(name) in (unselected, c.unseen)
-            and (c.unseen or not c.selection)
-        ):
+        lacking = command.curves and (c.unseen or (not c.selection and unselected))
+        if lacking and self.problem(name) == lacking:
             before = c.selection
             pick(c)
             c.select(c.selection or before)
