@@ -151,7 +151,7 @@ def confirmed(state: State, frame: int, way: int = 1) -> int:
     """Give the last frame on the way to one that a tracking which was cancelled had decided on."""
     known = by_frame(state.records)
     at = frame
-    while any(UNDECIDED in r.curve.reasons and not _decided(r) for r in known.get(at, ())):
+    while any(UNDECIDED in r.curve.reasons and not r.settled for r in known.get(at, ())):
         at -= way
     return at if any(r.usable for r in known.get(at, ())) else frame
 
@@ -170,7 +170,7 @@ def _corrected(c: Controller) -> tuple[range, State, int, tuple[Body, ...]]:
     """
     times = space.times_of(c.image).of(c.frame)
     state, now = at_times(c.state, times), times.index(c.frame)
-    beside = {r.id for r in state.records if abs(r.frame - now) == 1 and not _decided(r)}
+    beside = {r.id for r in state.records if abs(r.frame - now) == 1 and not r.settled}
     here = [r for r in state.records if r.frame == now and r.id in beside]
     mine = [record for record in here if record.usable and record.by_hand]
     chosen = [record for record in mine if (c.frame, record.id) in c.selection] or mine
@@ -210,7 +210,7 @@ class Tracking:
         def given(frame: int) -> Given:
             here = known.get(frame, [])
             # What a file brings is carried on from, and fitted again only around a correction.
-            stays = [r for r in here if _decided(r) or (r.from_file and self.corrected is None)]
+            stays = [r for r in here if r.settled or (r.from_file and self.corrected is None)]
             mine = {r.id: r.curve for r in stays if r.usable}
             return Given(mine, whole=bool(here) and all(r.decided for r in here))
 
@@ -275,7 +275,12 @@ class Tracking:
 def bodies_at(state: State, frame: int, way: int = 1) -> tuple[Body, ...]:
     """Give the bodies that are known in a frame, or before on that way and out of sight there."""
     ways: dict[int, list[tuple[int, Curve]]] = {}
-    known = [record for record in state.records if not _inferred(record)]
+    # Where nothing shows the body, only what the user has said something of.
+    known = [
+        record
+        for record in state.records
+        if INFERRED not in record.curve.reasons or record.settled or record.review != "open"
+    ]
     for record in sorted(known, key=lambda r: way * r.frame):
         if record.usable and 0 <= way * (frame - record.frame) < PATIENCE:
             ways.setdefault(record.id, []).append((record.frame, record.curve))
@@ -298,7 +303,7 @@ def taken_in(
     """
     view, refinement, frame = tracked.view, tracked.refinement, tracked.frame
     here = [record for record in state.records if record.frame == frame]
-    left = {r.id for r in here if _decided(r) or (r.id in before and r.review != "open")}
+    left = {r.id for r in here if r.settled or (r.id in before and r.review != "open")}
     left |= {r.id for r in state.deleted if r.frame == frame}
     new = {n: curve for n, curve in tracked.by_id.items() if n not in left}
     read = {r.id: replace(r, review="open") for r in here if r.from_file}
@@ -319,13 +324,3 @@ def taken_in(
 def _doubted(record: Record) -> Record:
     reasons = dict.fromkeys((NOT_FOUND, *record.curve.reasons))
     return replace(record, curve=replace(record.curve, status="check", reasons=tuple(reasons)))
-
-
-def _inferred(record: Record) -> bool:
-    """Whether no image shows it, and the user has not said anything of it."""
-    known = record.review != "open" or _decided(record)
-    return not known and INFERRED in record.curve.reasons
-
-
-def _decided(record: Record) -> bool:
-    return record.decided or record.by_hand

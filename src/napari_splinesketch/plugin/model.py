@@ -93,6 +93,11 @@ class Record:
         return self.locked or self.review == "accepted"
 
     @property
+    def settled(self) -> bool:
+        """Whether tracking leaves it as it is."""
+        return self.decided or self.by_hand
+
+    @property
     def usable(self) -> bool:
         """Whether it says where a body is."""
         return self.curve.status != "failed" and self.review != "rejected"
