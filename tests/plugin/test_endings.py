@@ -33,6 +33,11 @@ viewer.add_image(np.zeros((60, 70)))
 viewer.window.add_dock_widget(SplinesketchDock(viewer))
 viewer.add_shapes([[[5, 5], [40, 40]]], shape_type="line", name="sketches")
 """
+NO_THREADS = """
+import atexit, threading
+def refuse(thread): raise RuntimeError("can't create new thread at interpreter shutdown")
+atexit.register(setattr, threading.Thread, "start", refuse)
+"""  # as Python does since 3.12, before it calls what is registered
 
 
 @pytest.fixture
@@ -233,10 +238,11 @@ def test_what_could_not_be_written_is_said(ready: Bench, tmp_path: Path) -> None
 
 
 @pytest.mark.slow
-def test_python_ends_well_with_the_window_open(tmp_path: Path, qapp: Any) -> None:
+@pytest.mark.parametrize("late", ["", NO_THREADS])
+def test_python_ends_well_with_the_window_open(tmp_path: Path, qapp: Any, late: str) -> None:
     environment = {**os.environ, "XDG_DATA_HOME": str(tmp_path)}
     ended = subprocess.run(
-        [sys.executable, "-c", EXIT], env=environment, capture_output=True, text=True
+        [sys.executable, "-c", EXIT + late], env=environment, capture_output=True, text=True
     )
     assert ended.returncode == 0, ended.stderr
     assert "deleted" not in ended.stderr

@@ -302,7 +302,13 @@ class Folder:
             _write(path / name, head or files[name])
             known[name], self.head = files[name], head or self.head
 
-        with ThreadPool(AT_ONCE) as pool:  # pages, then the head, then pictures
+        try:
+            pool = ThreadPool(AT_ONCE)
+        except RuntimeError:  # Python is ending: it starts no threads since 3.12
+            for name in due:
+                put(name)
+            return
+        with pool:  # pages, then the head, then pictures
             for _, names in groupby(due, lambda name: (name == HEAD, name.endswith("npz"))):
                 pool.map(put, names, 1)
 
