@@ -60,10 +60,9 @@ class Suggestions:
         pairs = zip(c.drawn.lines, c.drawn.numbers, strict=True)
         mine = [line for line, position in pairs if position not in old]
         corners = np.array([[0.0, 0.0], np.subtract(space.size_of(image), 1)])
-        look = partial(engine.suggest, space.block_around(image, frame, [corners]), mine)
-        how = c.how(image)
+        block, how = space.block_around(image, frame, [corners]), c.how(image)
         given = how.half_width is not None or how.polarity != "auto"
-        look = partial(look, c.records(frame), how)
+        look = partial(engine.suggest, block, mine, c.records(frame), how)
         c.start(look, partial(self._on_suggested, work, frame, given), "Suggesting", on=work)
 
     def change_sensitivity(self, value: float) -> None:

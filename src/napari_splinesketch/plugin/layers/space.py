@@ -183,7 +183,7 @@ def view_of(viewer: ViewerModel, image: Image) -> View:
     """Say what the canvas shows of an image."""
     camera, world = viewer.scene.camera, np.zeros((4, viewer.dims.ndim))
     corners = np.array(viewer.canvas.size) * [(-1, -1), (-1, 1), (1, -1), (1, 1)]
-    world[:, _down_right(viewer)] = np.array(camera.center)[-2:] + corners / 2 / camera.zoom
+    world[:, viewer.dims.displayed[-2:]] = np.array(camera.center)[-2:] + corners / 2 / camera.zoom
     seen = from_world(viewer, image, world[:, -image.ndim :])[:, -2:]
     low, high = seen.min(axis=0), seen.max(axis=0)
     return View(current_frame(viewer, image), low, high, screen_pixel(viewer, image))
@@ -197,13 +197,8 @@ def look_at(viewer: ViewerModel, image: Image, frame: int, points: Line) -> None
     world = np.zeros(viewer.dims.ndim)
     (world[-image.ndim :],) = to_world(viewer, image, in_stack(image, frame, middle[None]))
     go_to_frame(viewer, image, frame)
-    down, right = world[_down_right(viewer)].tolist()
-    viewer.scene.camera.center = (0.0, down, right)
-
-
-def _down_right(viewer: ViewerModel) -> list[int]:
-    """Axes of the world that run down and to the right; napari may have them transposed."""
-    return list(viewer.dims.displayed[-2:])
+    down_right = list(viewer.dims.displayed[-2:])  # napari may have them transposed
+    viewer.scene.camera.center = (0.0, *world[down_right].tolist())
 
 
 def screen_pixel(viewer: ViewerModel, layer: Layer) -> Pair:
