@@ -9,6 +9,7 @@ import pytest
 from napari_splinesketch.plugin.commands import Commands
 from napari_splinesketch.plugin.controller import Controller
 from napari_splinesketch.plugin.dock import SplinesketchDock
+from napari_splinesketch.plugin.layers import drawn
 from napari_splinesketch.plugin.layers.drawn import CHUNK
 from napari_splinesketch.plugin.layers.looks import LETTER, LINE_HEIGHT, MOST, View, readable
 from napari_splinesketch.plugin.model import Record
@@ -144,6 +145,23 @@ def test_lines_that_have_curves_step_back(
     assert (lines.edge_color[:, :3] == [0, 0, 1]).all(), "colours are the user's own"
     dock.controller.delete((0, 1))
     until(lambda: np.round(lines.edge_color[:, 3], 2).tolist() == [1.0, 0.3, 1.0], 20)
+
+
+def test_with_many_lines_too_the_frame_in_view_is_summed_up_while_something_runs(
+    viewer: Any, dock: SplinesketchDock, fake: FakeEngine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(drawn, "MANY", 1)
+    viewer.add_image(np.zeros((3, 90, 80), np.float32), name="cells")
+    viewer.add_shapes([[[1, r, 9], [1, r, 60]] for r in (10, 30)], shape_type="line")
+    viewer.dims.set_point(0, 1)
+    until(dock.refine.isEnabled)
+    refine(dock)
+    assert dock.results.text() == "2 good"
+    fake.go.clear()
+    dock.controller.refine("all")
+    viewer.dims.set_point(0, 2)
+    until(lambda: not dock.results.text(), 20)
+    fake.go.set()
 
 
 def test_each_part_of_the_dock_listens_to_what_it_shows(

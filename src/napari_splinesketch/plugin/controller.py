@@ -274,7 +274,7 @@ class Controller(Keeper):
             QTimer.singleShot(0, partial(drawn.forget_given_up, layer))
         if layer is None or layer.nshapes < drawn.MANY:
             self.changes.lines.emit()
-        elif not self.progress:  # at the end of what runs, all is looked at anyway
+        else:
             self._soon()
 
     def is_meant(self) -> bool:
