@@ -482,3 +482,26 @@ def test_an_image_that_is_removed_goes_from_memory(
     press_suggest(dock)
     viewer.layers.clear()
     until(lambda: gc.collect() >= 0 and image() is None, SOON)
+
+
+def test_lines_that_have_become_curves_stay_in_a_layer_that_lies_elsewhere(
+    qapp: Any, fake: FakeEngine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As napari's button makes it beside an image with a place on its stage."""
+    places = np.random.default_rng(1).uniform(20, 480, (60, 1, 2))
+    lines = tuple(np.array([[0.0, 0], [3, 17], [5, 31]]) + places)
+    found = [Suggestions(lines, np.ones(len(lines))), Suggestions((), np.zeros(0))]
+    monkeypatch.setattr(engine, "suggest", lambda *task: found.pop(0))
+    with bench() as made:
+        image = made.image((512, 512))
+        image.scale, image.translate = (0.3, 0.3), (5000, 8000)
+        layer = made.sketches([])
+        layer.scale = image.scale
+        made.controller.suggestions.suggest()
+        until(lambda: layer.nshapes == len(lines) and not made.controller.progress, SOON)
+        made.refine()
+        made.controller.suggestions.suggest()
+        made.rest()
+        until(lambda: not made.controller.drawing.runs, SOON)
+        assert layer.nshapes == len(lines)
+        assert not made.controller.request().orphans

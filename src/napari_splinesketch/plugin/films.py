@@ -96,7 +96,9 @@ class Suggestions:
         # What the user has moved or deleted does not come back.
         refused = [np.frombuffer(line).reshape(-1, 2) for t, line in work.touched() if t == frame]
         new = model.new_among(chosen, refused)
-        chosen = [line for line, wanted in zip(chosen, new, strict=True) if wanted]
+        fresh = [line for line, wanted in zip(chosen, new, strict=True) if wanted]
+        # As they are read again, or nobody would know that they have become curves.
+        chosen = work.as_read(frame, fresh)
         state, refined = (work.state.suggested(frame, some) for some in (chosen, ()))
 
         def over() -> None:

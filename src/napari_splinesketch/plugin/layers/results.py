@@ -262,6 +262,18 @@ class Work:
         data = self.sketches.data if prints else ()
         return [i for i, shape in enumerate(data) if np.float32(shape).tobytes() in prints]
 
+    def as_read(self, frame: int, lines: Sequence[model.Line]) -> list[model.Line]:
+        """Give lines of a frame, px, as they are read from the sketches once they are there."""
+        read = partial(space.to_pixels, self.viewer, self.sketches, self.image)
+        there = self._as_drawn([(frame, line) for line in lines])
+        return [line[:, -2:] for line in model.changed(there, read)]
+
+    def _as_drawn(self, lines: Sequence[tuple[int, model.Line]]) -> list[np.ndarray]:
+        """Take lines, each with its frame, px, to the sketches' data, of single precision."""
+        places = [space.in_stack(self.image, frame, line) for frame, line in lines]
+        place = partial(space.to_pixels, self.viewer, self.image, self.sketches)
+        return model.changed(places, lambda points: place(points).astype(np.float32))
+
     def touched(self) -> set[model.Marked]:
         """Say which of the suggested lines were drawn, and are there no longer as they were."""
         data = {np.float32(shape).tobytes() for shape in self.sketches.data}
@@ -281,9 +293,7 @@ class Work:
             layer.remove(old)
             yield
         if fresh := [one for one in wanted if one not in self.suggested]:
-            places = [space.in_stack(self.image, one[0], wanted[one]) for one in fresh]
-            place = partial(space.to_pixels, self.viewer, self.image, layer)
-            shapes = model.changed(places, lambda points: place(points).astype(np.float32))
+            shapes = self._as_drawn([(one[0], wanted[one]) for one in fresh])
             style = drawn.line_style(space.size_of(self.image))
             for done in drawn.add_shapes(layer, shapes, ["path"] * len(shapes), **style):
                 # Only these: other steps may take the place of those that are left.
