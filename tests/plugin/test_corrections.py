@@ -392,6 +392,31 @@ def test_knots_that_were_only_looked_at_leave_what_can_be_redone(
         assert controller.steps.undone == "Move knots of curve 1"
 
 
+def test_escape_keeps_what_was_done_with_the_knots_before(qapp: Any, fake: FakeEngine) -> None:
+    with bench() as made:
+        made.begin()
+        controller = made.controller
+        controller.select([(0, 1)])
+
+        def move() -> None:
+            layer: Any = made.viewer.layers.selection.active
+            layer.data = layer.data + 3.0
+            until(lambda: controller.records()[0].edited, 5)
+
+        controller.toggle_knots()
+        move()
+        controller.toggle_knots()
+        kept = controller.records()[0].curve
+        controller.lock(True, (0, 2))
+        controller.toggle_knots()
+        controller.undo()  # the lock
+        move()
+        until(lambda: controller.records()[0].curve is not kept, 5)
+        assert controller.knots
+        controller.knots.discard()
+        assert controller.records()[0].curve is kept
+
+
 def test_knots_are_put_away_whatever_is_selected(qapp: Any, fake: FakeEngine) -> None:
     with bench() as made:
         made.begin()

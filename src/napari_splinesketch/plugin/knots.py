@@ -16,7 +16,7 @@ from napari_splinesketch.plugin import choices, commands
 from napari_splinesketch.plugin.layers import space
 from napari_splinesketch.plugin.layers.pictures import Made, Maker, Slot
 from napari_splinesketch.plugin.layers.results import Work
-from napari_splinesketch.plugin.model import Record, key_of
+from napari_splinesketch.plugin.model import Record, State, key_of
 
 if TYPE_CHECKING:
     from napari_splinesketch.plugin.controller import Controller
@@ -35,8 +35,9 @@ class KnotEditing:
     def __init__(self, controller: Controller, work: Work, record: Record):
         viewer, layers = controller.viewer, controller.viewer.layers
         self.number, self._key, self._begun = record.id, key_of(record), record
-        self._step, self._moved = f"Move knots of curve {record.id}", False
-        self._controller, self._work, self._before = controller, work, work.state
+        self._step = f"Move knots of curve {record.id}"
+        self._moves = set[State]()  # what each drag led to
+        self._controller, self._work = controller, work
         self._active = layers.selection.active
         # Later: napari is still busy with the edit that it tells of.
         self._soon = qdebounced(self._take, 0)
@@ -90,9 +91,9 @@ class KnotEditing:
         """Leave the curve as it was; what was done with its knots cannot be redone either."""
         history = self._work.history
         self._soon.cancel()
-        while history.done == self._step and history.value is not self._before:
+        while history.value in self._moves:
             history.undo()
-        if self._moved and history.undone == self._step:
+        if self._moves and history.undone == self._step:
             history.amend(history.value)  # lets nothing be done again
         self.close()
         self._controller.show(self._work)
@@ -138,8 +139,10 @@ class KnotEditing:
         knots = np.array(layer.data[:, -2:], dtype=float)
         before = len(record.curve.knots)
         if min(FEWEST, before) <= len(knots) <= before:
-            fresh, self._moved = commands.edited(record, moved(record.curve, knots)), True
-            c.apply(self._step, self._work.state.with_records(fresh), work=self._work)
+            fresh = commands.edited(record, moved(record.curve, knots))
+            state = self._work.state.with_records(fresh)
+            self._moves.add(state)
+            c.apply(self._step, state, work=self._work)
             c.tell(HELP, "none")
         else:
             c.say(f"Move or delete knots; at least {min(FEWEST, before)} must stay.")
