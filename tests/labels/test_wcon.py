@@ -156,6 +156,16 @@ def test_missing_points_are_left_out(tmp_path: Path) -> None:
     assert np.array_equal(read_labels(tmp_path / "a.wcon").labels[0].points, [[3, 1], [5, 2]])
 
 
+def test_times_without_a_line_count_as_frames(tmp_path: Path) -> None:
+    xs, ys = [[1, 2], [None, None], [5, 6]], [[3, 5], [None, None], [7, 8]]
+    for last, notes in ((2, 0), (4, 1)):
+        record = {"id": 1, "t": [0, 1, last], "x": xs, "y": ys}
+        (tmp_path / "a.wcon").write_text(json.dumps({"units": UNITS, "data": [record]}))
+        labels = read_labels(tmp_path / "a.wcon")
+        assert [label.frame for label in labels.labels] == [0, 2]
+        assert sum("not evenly spaced" in note for note in labels.notes) == notes
+
+
 def test_missing_origins_leave_out_their_lines_only(tmp_path: Path) -> None:
     xs, ys = [[1, 2], None, [5, 6]], [[3, 5], None, [7, 8]]
     record = {"id": 1, "t": [0, 1, 2], "x": xs, "y": ys, "ox": [0, None, 1], "oy": [0, None, 1]}

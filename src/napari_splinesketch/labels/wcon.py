@@ -17,6 +17,12 @@ from napari_splinesketch.labels.types import NO_PIXEL_SIZE, AnyLabels, Label, La
 OURS = "@splinesketch"
 UNITS = rb'"units"\s*:\s*\{(?=[^{}]*"t"\s*:)(?=[^{}]*"x"\s*:)[^{}]*"y"\s*:'
 PACKED = rb"\.(wcon|json)\Z"
+UNEVEN = 1.5
+"""Times of one film: the longest step from one to the next, in the shortest, at most."""
+GAPS = (
+    "times are not evenly spaced, and became frames in their order: curves after a gap lie too "
+    "early where the film has frames without animals"
+)
 PIXEL = {"", "1", "px", "pixel", "pixels"}
 
 
@@ -66,7 +72,10 @@ def read(source: Source) -> Iterator[Label]:
     scale = source.head.scale or (1.0, 1.0)
     lines = [spine for spine in spines if len(spine[2]) > 1]
     source.left_out["animal"] = len(spines) - len(lines)
-    times = {time: i for i, time in enumerate(sorted({time for _, time, _ in lines}))}
+    times = {time: i for i, time in enumerate(sorted({time for _, time, _ in spines}))}
+    steps = np.diff([*times])
+    if not ours and steps.size and steps.max() > UNEVEN * steps.min():
+        source.notes.append(GAPS)
     names: dict[str, int] = {}
     for record, time, yx in lines:
         source.place = record.place
