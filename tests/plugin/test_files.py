@@ -515,6 +515,22 @@ def test_labels_lie_on_the_image_in_its_pixels(
         np.testing.assert_allclose(line, points, atol=1e-4)
 
 
+def test_lines_of_a_file_lie_on_whichever_image_is_chosen(qapp: Any, labels: Labels) -> None:
+    (known, *_) = labels.labels
+    line = Label.from_sketch(known.points, frame=0, identity=1)
+    data, meta, _ = layer_of_labels(Labels((line,)), "labels")
+    with bench() as made:
+        images = [made.image()]
+        layer = Shapes(data, **meta)
+        made.viewer.add_layer(layer)
+        images.append(made.image(seed=1))
+        images[1].scale = (0.5, 0.5)
+        for image in (*images, *images):
+            made.controller.image = image
+            ((_, points),) = shapes_in(made.viewer, layer, image)
+            np.testing.assert_allclose(points, line.points, atol=1e-4)
+
+
 @pytest.mark.parametrize("axes", [(), (3,), (2, 3)])
 def test_labels_lie_in_their_frames_of_the_image(
     viewer: Any,

@@ -99,7 +99,8 @@ class Keeper:
     def choose_layer(self, kind: type[Layer], new: Layer | None) -> None:
         """Choose a layer of a kind, or none; with an image from another file, lines of its own."""
         self._ends.pop(kind, lambda: None)()
-        if new is not self._chosen[kind]:
+        other = new is not self._chosen[kind]
+        if other:
             self.tell()  # nothing: what was said is of other layers
             if self.knots:
                 self.knots.close()
@@ -113,6 +114,9 @@ class Keeper:
         if origin and not (layer and self._fits(layer)):
             own = (each for each in self.layers(Shapes) if vars(each).get(ORIGIN) == origin)
             self.choose_layer(Shapes, next(own, None))
+        elif other and self.image and layer:
+            if not any(work.records for work in vars(layer).get(WORKS, ())):
+                files.lay(layer, self.image)
         self.changes.layers.emit()
 
     @property
@@ -125,11 +129,8 @@ class Keeper:
         for work in self.works:
             if work.image is image and work.sketches is sketches:
                 return work
-        known = [work.records for work in vars(sketches).get(WORKS, ())]
         self.works.append(Work(image, sketches, self.viewer))
         self._attend(self.works[-1])
-        if not any(known):
-            files.lay(sketches, image)
         return self.works[-1]
 
     @cached_property
