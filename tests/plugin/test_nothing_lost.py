@@ -207,6 +207,19 @@ def test_a_closed_dock_hears_nothing_more(home: Path) -> None:
     assert counts(home) == [(2, 1)]
 
 
+def test_curves_are_drawn_that_were_not_when_the_dock_was_closed(home: Path) -> None:
+    viewer = ViewerModel()
+    with bench(viewer) as first:
+        first.image()
+        first.sketches()
+        first.controller.refine()
+        until(first.controller.records, SOON)
+    with bench(viewer) as again:
+        until(lambda: not again.controller.drawing.runs, SOON)
+        curves: Any = viewer.layers["sketches curves"]
+        assert curves.nshapes == 2
+
+
 def test_lines_removed_while_the_dock_is_closed_are_offered_again(home: Path) -> None:
     viewer = ViewerModel()
     with bench(viewer) as first:

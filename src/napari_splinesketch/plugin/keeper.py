@@ -76,6 +76,8 @@ class Keeper:
         self.works: list[Work] = [work for work in known if work.image in viewer.layers]
         for work in self.works:
             self._attend(work)
+            if not work.deleted():  # that dock may have been closed while it drew the curves
+                self.show(work)
         layers, groups = viewer.layers.events, choices.groups().values()
         self._end = choices.listen(
             (layers.inserted, lambda event: self._take_up(event.value)),
