@@ -160,6 +160,33 @@ def test_halos_of_bodies_are_not_offered(halo: float, broad: float, given: float
     assert min(inside) >= 0.75
 
 
+@pytest.mark.parametrize("seed", [2, 6])
+def test_lines_of_bodies_in_relief_lie_between_the_bright_and_the_dark_side(seed: int) -> None:
+    scene = synthetic.scene(seed, bodies=12, shape=(330, 330), crossing=False)
+    down, across = np.gradient(ndimage.gaussian_filter(scene.clean.astype(float), 1.0))
+    image = 0.6 * down + 0.8 * across
+    image += np.random.default_rng(seed).normal(0, 0.15 * image.std(), image.shape)
+    found = suggest(image)
+    assert len(on(found, scene.centrelines, 2.0)) >= 6, "without this rule none"
+    assert len(found) <= 12, "without it two for each body"
+    assert not on(suggest(image, polarity="bright"), scene.centrelines, 2.0)
+
+
+@pytest.mark.parametrize(
+    ("seed", "other", "share"), [(1, 51, 1.0), (2, 52, 1.0), (2, 2, 0.5), (11, 11, 0.5)]
+)
+def test_bright_and_dark_bodies_and_shadows_are_no_relief(
+    seed: int, other: int, share: float
+) -> None:
+    one, two = (
+        synthetic.scene(k, bodies=6, shape=(200, 200), crossing=False) for k in (seed, other)
+    )
+    shadow = np.roll(two.clean, (4, 3), (0, 1)) if seed == other else two.clean
+    noise = np.random.default_rng(seed).normal(0, 0.05 * np.ptp(one.clean), one.clean.shape)
+    found = suggest(one.clean - share * shadow + noise)
+    assert len(on(found, one.centrelines, 2.0)) >= 4
+
+
 def test_one_body_alone() -> None:
     made = synthetic.scene(3, bodies=1, shape=(128, 160))
     (line,) = suggest(made.image)

@@ -230,6 +230,8 @@ SUGGEST_LARGE = 2**23
 SUGGEST_HIGHEST = 0.99  # quantile of an image's ridges that is the height of its bodies'
 # both polarities are offered where the weaker has this share of the stronger's lines:
 SUGGEST_BOTH = 0.6
+SUGGEST_EVEN = 0.55  # in relief, bright and dark ridges have this share of the other's height,
+SUGGEST_RISES = 1.7  # and what the light raises is so much higher than what falls
 SUGGEST_WIDEST = 0.06  # largest half-width that is tried, as a share of the image's shorter side
 SUGGEST_BODY = (0.3, 0.7)  # hysteresis thresholds of the evidence
 SUGGEST_SHORTEST_HW = 8.0  # shorter lines are not offered

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from concurrent.futures import CancelledError
 from dataclasses import dataclass, replace
+from itertools import chain
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, Real
@@ -13,6 +14,8 @@ from napari_splinesketch.engine import checks
 from napari_splinesketch.engine import constants as const
 from napari_splinesketch.engine.find.joining import joined
 from napari_splinesketch.engine.find.tracing import traced
+from napari_splinesketch.engine.look import relief
+from napari_splinesketch.engine.look.background import estimate_background
 from napari_splinesketch.engine.look.band import band
 from napari_splinesketch.engine.look.ridges import WIDTHS, Ridges, factor_of, rung_of
 from napari_splinesketch.engine.look.scene import filled, pixel_noise
@@ -133,7 +136,8 @@ def prepare(
     shape, valid = image.shape, np.isfinite(image)
     whole = image if valid.all() else filled(image, valid)
     ridges = Ridges(whole, pixel_noise(whole))
-    del image, whole  # in double precision, and no longer needed
+    whole = whole.astype(np.float32)
+    del image  # in double precision, and no longer needed
     most = int(np.searchsorted(WIDTHS, max(const.SUGGEST_WIDEST * min(shape), 2.0), side="right"))
     rungs = every = range(most)
     if half_width is not None:
@@ -143,11 +147,49 @@ def prepare(
 
     def tick(more: int) -> None:
         nonlocal done
-        done += more
+        done = min(done + more, steps)
         if on_progress and says_stop(on_progress(Progress("looking for bodies", done / steps))):
             raise CancelledError
 
     tick(0)
+    found, clean = _along(ridges, valid, signs, rungs, every, tick)
+    total = [sum(one.strength * one.length for one in lines) for lines in clean]
+    # Rims do not tell which polarity bodies have; of that one, what looks like a rim may be a body.
+    strongest = int(np.argmax(total))
+    likely = list(found[strongest])
+    for k, lines in enumerate(clean):
+        if k != strongest and total[k] >= const.SUGGEST_BOTH * total[strongest]:
+            likely += lines
+    light = _light(ridges, whole, clean) if polarity == "auto" else None
+    if light is not None:
+        raised = Ridges(relief.raised(whole, light), ridges.noise)
+        found, clean = _along(raised, valid, signs, rungs, every, tick)
+        rises, falls = map(_height, clean)
+        # Of bodies that are not in relief one side rises, and the other one falls as far.
+        if rises > const.SUGGEST_RISES * falls:
+            likely = found[0]
+    best = _apart(likely, shape, tick)
+    if not best:
+        return Suggestions((), np.zeros(0))
+    strength = np.array([one.strength for one in best])
+    length = np.cumsum([one.length for one in best])
+    usual = strength[np.searchsorted(length, const.SUGGEST_USUAL * length[-1])]
+    lines = tuple(_sketch(one.line, one.half_width) for one in best)
+    return Suggestions(lines, strength / usual)
+
+
+def _along(
+    ridges: Ridges,
+    valid: Bool[Array, "H W"],
+    signs: Sequence[int],
+    rungs: Sequence[int],
+    every: Sequence[int],
+    tick: Tick,
+) -> tuple[list[list[Traced]], list[list[Traced]]]:
+    """Lines along bodies of some polarities, for each of them: all, and without doubles and rims.
+
+    Bodies have half-widths of the `rungs`; beside a rim, a body may have `every` other one.
+    """
     large, highest = valid.size > const.SUGGEST_LARGE, dict.fromkeys(signs, -np.inf)
     for rung in rungs:
         for sign in signs:
@@ -157,25 +199,36 @@ def prepare(
             ridges.keep()
         tick(1)
     found = [_traced_at(ridges, valid, sign, rungs, highest[sign], tick) for sign in signs]
-    clean = [
-        _apart(_without_rims(ridges, lines, sign, every, large, tick), shape, tick)
+    return found, [
+        _apart(_without_rims(ridges, lines, sign, every, large, tick), valid.shape, tick)
         for lines, sign in zip(found, signs, strict=True)
     ]
-    total = [sum(one.strength * one.length for one in lines) for lines in clean]
-    # Rims do not tell which polarity bodies have; of that one, what looks like a rim may be a body.
-    strongest = int(np.argmax(total))
-    likely = list(found[strongest])
-    for k, lines in enumerate(clean):
-        if k != strongest and total[k] >= const.SUGGEST_BOTH * total[strongest]:
-            likely += lines
-    best = _apart(likely, shape, tick)
-    if not best:
-        return Suggestions((), np.zeros(0))
-    strength = np.array([one.strength for one in best])
-    length = np.cumsum([one.length for one in best])
-    usual = strength[np.searchsorted(length, const.SUGGEST_USUAL * length[-1])]
-    lines = tuple(_sketch(one.line, one.half_width) for one in best)
-    return Suggestions(lines, strength / usual)
+
+
+def _light(
+    ridges: Ridges, image: Float[Array, "H W"], both: Sequence[Sequence[Traced]]
+) -> Float[Array, "2"] | None:
+    """Where light comes from that may put the bodies of an image in relief.
+
+    `both` are lines along what is bright and along what is dark: in relief, neither is much lower.
+    """
+    low, high = sorted(map(_height, both))
+    if low <= const.SUGGEST_EVEN * high:
+        return None
+    width, height, weight = np.transpose(
+        [(one.half_width, one.height, one.strength * one.length) for one in chain(*both)]
+    )
+    usual = [
+        float(np.quantile(of, 0.5, weights=weight, method="inverted_cdf")) for of in (width, height)
+    ]
+    background, _ = estimate_background(image, ridges.noise, widest=width.max())
+    lights = relief.lights(relief.leaning(ridges, image - background, *usual))
+    return lights[0] if lights else None
+
+
+def _height(lines: Sequence[Traced]) -> float:
+    """Of the ridges of all lines together."""
+    return sum(one.height * one.length for one in lines)
 
 
 def _traced_at(
