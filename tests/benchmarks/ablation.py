@@ -120,9 +120,12 @@ def _as_looked(scenes: Sequence[tuple[list[int], scene.Scene]], _: object) -> li
 MECHANISMS: dict[str, Callable[[], None]] = {
     "": lambda: None,
     "polarity of each sketch": _set(constants, CLEAR_VOTE=2.0),
-    "polarity by the path of a clicked sketch": _set(finding, signs=_as_looked),
+    "polarity by the paths of a sketch": _set(finding, signs=_as_looked),
     "bodies in relief": _set(constants, RELIEF_EXPLAINED=np.inf),
     "half-width of each sketch": _everybody_alike,
+    "curves are as thick as what was found": _set(
+        constants, PRIORS=constants.PRIORS | {"log_width_0": (0.0, 0.4, -9.0, 1.5)}
+    ),
     "no body lies inside itself": _set(constants, LIMBS_SHARE=2.0),
     "much wider or thinner bodies": _set(finding, sized=lambda seen, _: seen),
     "noise of images that are cut off": _set(constants, DRAWN=0.0),

@@ -40,7 +40,7 @@ class Problem:
 
     @staticmethod
     def make(seed: int) -> "Problem":
-        """Set up the first level of a fit."""
+        """Set up a fit."""
         made = synthetic.scene(seed, bodies=1)
         ((_, seen),) = scene.read_scenes(made.image, made.centrelines, "auto", None)
         line = perturbations.displace(made.centrelines[0], 2, np.random.default_rng(seed))
@@ -48,7 +48,7 @@ class Problem:
         pixels = [bands.band_pixels(fitting.lines_of(theta)[0], 8.0, seen.valid)]
         free = np.zeros((1, 2 * KNOTS, 2 * KNOTS))
         one, _, begin = bands.make_bands(seen.normal, pixels, theta, seen.half_width, priors, free)
-        level = bands.level(seen, priors, KNOTS)
+        level = bands.level(seen)
         return Problem(jax.device_put(one), jax.device_put(level), begin)
 
 

@@ -176,7 +176,7 @@ def test_a_clicked_sketch_says_itself_whether_its_body_is_bright_where_a_dark_on
     look, signs = told(line[::27])
     assert (look, signs) == ([-1, -1], [1, -1])
     look, signs = told(line[[0, -1]])
-    assert look == signs, "two points are no clicks"
+    assert look == signs, "two points tell less: the path may bow to the other body"
     curve = refine(image, [line[::27], others[::16]]).curves[0]
     assert away(line[:55], curve.points) < 1
 
@@ -192,6 +192,18 @@ def test_the_more_bodies_are_dark_the_less_a_sketch_in_doubt_means_a_bright_one(
     scenes = scene.read_scenes(image, sketches[: 1 + others], "auto", None)
     monkeypatch.setattr(finding, "_dearer", lambda *_: -1.5 * constants.CLEAR_MARGIN)
     assert finding.signs(scenes, sketches[: 1 + others]) == [sign, *[-1] * others]
+
+
+def test_a_straight_line_over_a_dark_body_beside_bright_ones_stays_there():
+    rows, columns = np.mgrid[:185, :240].astype(float)
+    image, places = np.zeros(rows.shape), (30, 65, 100, 135, 160)
+    for row in places:
+        inside = 4 - np.hypot(rows - row, np.maximum(np.abs(columns - 120) - 80, 0))
+        image += (-0.5 if row == places[-1] else 1.0) * np.clip(inside, 0, 1)
+    image = ndimage.gaussian_filter(image, 1) + np.random.default_rng(0).normal(0, 0.05, rows.shape)
+    lines = [np.array([[row, 38.0], [row, 202.0]]) for row in places]
+    curve = refine(image, lines).curves[-1]
+    assert np.abs(curve.points[:, 0] - places[-1]).max() < 1, "it lies on the bright one beside"
 
 
 @pytest.mark.parametrize("polarity", ["bright", "dark"])

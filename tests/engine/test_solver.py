@@ -22,6 +22,11 @@ def seen_of(frame: synthetic.Scene) -> scene.Scene:
     return seen
 
 
+def of(priors: bands.Priors, rows: slice) -> bands.Priors:
+    """Priors of some of the curves."""
+    return bands.Priors(priors.mean[rows], priors.sd, priors.low[rows], priors.high[rows])
+
+
 class Problem:
     """Two bodies, crossing unless something else is said, begun beside where they are."""
 
@@ -34,11 +39,11 @@ class Problem:
             bands.band_pixels(line, 8.0, self.seen.valid) for line in fitting.lines_of(self.theta)
         ]
         self.basis = bands.spline_basis(KNOTS)
-        self.level = bands.level(self.seen, self.priors, KNOTS)
+        self.level = bands.level(self.seen)
 
     def bands(self, count: int = 2):
         theta = self.theta[:count]
-        priors = self.priors._replace(mean=self.priors.mean[:count])
+        priors = of(self.priors, slice(count))
         free = np.zeros((count, 2 * KNOTS, 2 * KNOTS))
         return bands.make_bands(self.seen.normal, self.pixels[:count], theta, 3.0, priors, free)
 
@@ -121,8 +126,8 @@ def test_one_step_looks_and_does_not_move(problem):
 
 
 def test_parameters_stay_within_their_bounds(problem):
-    low, high = (np.asarray(a) for a in (problem.level.lower, problem.level.upper))
     made, _, theta = problem.bands()
+    low, high = made.lower[:2], made.upper[:2]
     fit = problem.sweep(made, solver.start(theta, made.values.shape[1]), [0, 1], 6)
     found = np.asarray(fit.theta[:2])
     assert ((found >= low) & (found <= high)).all()
@@ -162,7 +167,7 @@ def test_curves_outside_the_image_are_fitted_to_nothing(problem):
 def test_known_bodies_stay_where_they_are_until_one_beside_them_moves(problem):
     alone = problem.theta.copy()
     alone[1, : 2 * KNOTS] += np.repeat([0.0, 60.0], KNOTS)
-    priors = problem.priors._replace(mean=problem.priors.mean[1:])
+    priors = of(problem.priors, slice(1, None))
     for theta, moves in ((problem.theta, True), (alone, False)):
         (there,) = fitting.fit_curves(problem.seen, theta[1:], priors, (1,))
         known = {1: there}
@@ -177,7 +182,7 @@ def test_known_bodies_stay_where_they_are_until_one_beside_them_moves(problem):
 
 def test_bodies_beside_are_seen_and_stay_as_they_are(problem):
     both = problem.fitted()
-    alone = problem.priors._replace(mean=problem.priors.mean[:1])
+    alone = of(problem.priors, slice(1))
     given = problem.seen, problem.theta[:1], alone, SWEEPS
     (seen,), (blind,) = (fitting.fit_curves(*given, beside=rest) for rest in (both[1:], ()))
     away = [metrics.average_dtw(one.points(), both[0].points()) for one in (seen, blind)]
@@ -305,7 +310,7 @@ def test_padded_sizes():
 
 def test_more_curves_than_the_largest_size_holds(monkeypatch):
     monkeypatch.setattr(constants, "CURVE_SIZES", (2, 4))
-    priors = bands.default_priors(9, 3.0)
+    priors = bands.default_priors([3.0] * 9)
     lines = [np.linspace([5, 5 + 4 * i], [40, 5 + 4 * i], KNOTS) for i in range(9)]
     theta = np.stack([np.r_[line.T.ravel(), priors.mean[0]] for line in lines])
     pixels = [bands.band_pixels(line, 6.0, np.ones((50, 60), bool)) for line in lines]
@@ -347,10 +352,21 @@ def test_bodies_begin_as_they_are_told(problem):
     assert theta.shape == (1, 16 + len(GLOBALS))
 
 
+def test_a_body_is_not_much_thinner_than_the_one_that_was_found(problem):
+    """Each one's own: what fits better with a much smaller half-width is not that body."""
+    found = [9.0, 3.0]
+    lines = [(c, width, 1.0) for c, width in zip(problem.frame.centrelines, found, strict=True)]
+    theta, priors = bands.begin(lines, KNOTS, problem.seen)
+    bodies = fitting.fit_curves(problem.seen, theta, priors, SWEEPS)
+    factor = [body.half_width / width for body, width in zip(bodies, found, strict=True)]
+    assert factor[0] == pytest.approx(np.exp(-0.6), rel=1e-4), "it is 3 px"
+    assert factor[1] < 1.5, "however thick the other one is"
+
+
 def test_a_parameter_at_its_bound_does_not_stop_the_others(problem):
     """A step that is only clipped need not go downhill."""
     at_bound = problem.priors._replace(high=problem.priors.high.copy())
-    at_bound.high[INDEX["offset"]] = -0.02
+    at_bound.high[:, INDEX["offset"]] = -0.02
     theta = problem.theta.copy()
     theta[:, 2 * KNOTS + INDEX["offset"]] = -0.02
     theta[:, 2 * KNOTS + INDEX["log_width_0"]] += 0.5

@@ -164,7 +164,7 @@ def test_halos_of_bodies_are_not_offered(halo: float, broad: float, given: float
 def test_lines_of_bodies_in_relief_lie_between_the_bright_and_the_dark_side(seed: int) -> None:
     scene = synthetic.scene(seed, bodies=12, shape=(330, 330), crossing=False)
     down, across = np.gradient(ndimage.gaussian_filter(scene.clean.astype(float), 1.0))
-    image = 0.6 * down + 0.8 * across
+    image = np.asarray(0.6 * down + 0.8 * across)
     image += np.random.default_rng(seed).normal(0, 0.15 * image.std(), image.shape)
     found = suggest(image)
     assert len(on(found, scene.centrelines, 2.0)) >= 6, "without this rule none"

@@ -21,7 +21,7 @@ BEND = np.column_stack([32 + 15 * np.sin(np.linspace(-2.2, 2.0, 60)), np.linspac
 
 
 def parameters(line: np.ndarray, knots: int = KNOTS, **changes: float) -> np.ndarray:
-    look = bands.default_priors(1, 3.0).mean[0]
+    look = bands.default_priors([3.0]).mean[0]
     for name, value in changes.items():
         look[tube.INDEX[name]] = value
     return np.concatenate([spline.fit_knots(line, knots).T.ravel(), look]).astype(np.float32)

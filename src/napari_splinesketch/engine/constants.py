@@ -278,10 +278,10 @@ CURVE_SAMPLES_A_KNOT = 2.6  # ... and for each knot (accuracy of the Newton step
 BEND = 10.0
 UNEVEN = 0.1  # standard deviation of the knots' spacing along a curve, as a share of it
 # parameters of a curve beside its knots: mean, standard deviation and bounds before anything is
-# known, in units of a normalised scene; the logarithm of the half-width is added to mean and upper
-# bound of the first:
+# known, in units of a normalised scene; to those of the first, the logarithm of the half-width that
+# was found is added: what fits better with a much smaller one is not that body:
 PRIORS = {
-    "log_width_0": (0.0, 0.4, np.log(0.4), 1.5),
+    "log_width_0": (0.0, 0.4, -0.6, 1.5),
     # what makes a body seem much wider at an end is beside it:
     "log_width_1": (0.0, 0.12, -0.5, 0.5),
     "log_width_2": (0.0, 0.12, -0.7, 0.2),

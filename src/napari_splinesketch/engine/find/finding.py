@@ -145,9 +145,8 @@ def as_clicks(sketch: Line, evidence: Float[Array, "H W"], half_width: float) ->
 def signs(scenes: Sequence[tuple[list[int], Scene]], sketches: list[Line]) -> list[int]:
     """1 for a bright body and -1 for a dark one, for each sketch of an image.
 
-    Where what is around a clicked sketch does not tell, it means what costs clearly less, and the
-    more the other bodies are alike, the more clearly. Where what is around all sketches does not
-    tell, the others mean what costs all of them less.
+    Where what is around a sketch does not tell, it means what costs clearly less, and the more the
+    other bodies are alike, the more clearly.
     """
     look = {
         i: (seen, both)
@@ -155,21 +154,13 @@ def signs(scenes: Sequence[tuple[list[int], Scene]], sketches: list[Line]) -> li
         for i, both in zip(members, seen.around, strict=True)
     }
     found = [look[i][0].sign for i in range(len(sketches))]
-    told = [abs(look[i][1][0].vote) for i in range(len(sketches))]
-    unclear = {i for i, vote in enumerate(told) if vote <= const.CLEAR_VOTE}
-    lines = {i for i, sketch in enumerate(sketches) if not scoring.clicked(sketch)}
+    unclear = [i for i in look if abs(look[i][1][0].vote) <= const.CLEAR_VOTE]
     clear = [sign for i, sign in enumerate(found) if i not in unclear]
-    odds = (1 + clear.count(-1)) / (1 + clear.count(1))
-
-    def decide(asked: set[int], unclear: set[int]) -> None:
-        more = np.log(odds) + sum(_dearer(*look[i], sketches[i]) for i in sorted(asked))
-        for i in unclear if abs(more) > const.CLEAR_MARGIN else ():
+    odds = np.log((1 + clear.count(-1)) / (1 + clear.count(1)))
+    for i in unclear:
+        more = odds + _dearer(*look[i], sketches[i])
+        if abs(more) > const.CLEAR_MARGIN:
             found[i] = 1 if more < 0 else -1
-
-    for i in unclear - lines:
-        decide({i}, {i})
-    if np.median(told) <= const.CLEAR_VOTE:
-        decide(lines, unclear & lines)
     return found
 
 

@@ -33,27 +33,27 @@ def spline_basis(knots: int) -> Basis:
 
 
 class Priors(NamedTuple):
-    """Means of n curves, standard deviation and bounds of the parameters in `tube.GLOBALS`."""
+    """Means, standard deviation and bounds of the parameters in `tube.GLOBALS`, of n curves."""
 
     mean: Float[Array, "n G"]
     sd: Float[Array, " G"]
-    low: Float[Array, " G"]
-    high: Float[Array, " G"]
+    low: Float[Array, "n G"]
+    high: Float[Array, "n G"]
 
 
-def default_priors(count: int, widest: float) -> Priors:
-    """Priors of `count` curves before anything is known, in units of a normalised scene."""
+def default_priors(half_widths: Sequence[float]) -> Priors:
+    """Priors of curves with about these half-widths, px, in units of a normalised scene."""
     mean, sd, low, high = np.array(list(const.PRIORS.values())).T
-    for value in (mean, high):
-        value[INDEX["log_width_0"]] += np.log(widest)
-    return Priors(np.tile(mean, (count, 1)), sd, low, high)
+    mean, low, high = (np.tile(each, (len(half_widths), 1)) for each in (mean, low, high))
+    for each in (mean, low, high):
+        each[:, INDEX["log_width_0"]] += np.log(half_widths)
+    return Priors(mean, sd, low, high)
 
 
-def level(seen: Scene, priors: Priors, knots: int) -> Level:
+def level(seen: Scene) -> Level:
     """What all curves of a scene share."""
-    edge, longest = np.full(2 * knots, 1e6), max(const.MOVE_HW * seen.half_width, const.MOVE_PX)
-    low, high = np.concatenate([-edge, priors.low]), np.concatenate([edge, priors.high])
-    return Level(*(np.float32(a) for a in (low, high, seen.noise, longest)))
+    longest = max(const.MOVE_HW * seen.half_width, const.MOVE_PX)
+    return Level(np.float32(seen.noise), np.float32(longest))
 
 
 def begin(
@@ -66,15 +66,14 @@ def begin(
 
     Lines that are `whole` are known to reach from tip to tip.
     """
-    priors = default_priors(len(bodies), max(width for _, width, _ in bodies))
+    priors = default_priors([half_width for _, half_width, _ in bodies])
+    priors.mean[:, INDEX["contrast"]] = [contrast for *_, contrast in bodies]
     surer = {} if seen.background_kind == "textured" else const.FLAT_BACKGROUND
     if whole:
         surer = surer | const.WHOLE_ENDS
         priors.mean[:, INDEX["tip"]] = const.WHOLE_TIP
     for name, sd in surer.items():
         priors.sd[INDEX[name]] = sd
-    for mean, (_, own, contrast) in zip(priors.mean, bodies, strict=True):
-        mean[[INDEX["log_width_0"], INDEX["contrast"]]] = np.log(own), contrast
     lines = [spline.fit_knots(line, knots).T.ravel() for line, *_ in bodies]
     return np.concatenate([np.reshape(lines, (-1, 2 * knots)), priors.mean], axis=1), priors
 
@@ -154,7 +153,10 @@ def make_bands(
     slope[:count, : 2 * k] = (stiff @ begin[:count, : 2 * k, None])[..., 0]
     precision[:count, : 2 * k, : 2 * k] = hold + stiff
     precision[:count, 2 * k :, 2 * k :] = np.diag(priors.sd**-2.0)
-    made = Bands(position, values, weight, _beside(pixels, n, m), tiles, mean, precision, slope)
+    lower, upper = np.full((2, n, d), [[[-np.inf]], [[np.inf]]], np.float32)
+    lower[:count, 2 * k :], upper[:count, 2 * k :] = priors.low, priors.high
+    beside = _beside(pixels, n, m)
+    made = Bands(position, values, weight, beside, tiles, mean, precision, slope, lower, upper)
     return made, shift, begin
 
 

@@ -117,7 +117,7 @@ def fit_curves(
     fit = solver.start(begin, bands.values.shape[1])
     for row, body in chain(known.items(), enumerate(beside, n)):
         fit.own[row, : len(body.own)] = body.own
-    level, basis = pad.level(seen, priors, knots), pad.spline_basis(knots)
+    level, basis = pad.level(seen), pad.spline_basis(knots)
     with solver.settings():
         bands, fit, level, basis = _put(bands, fit, level, basis)
 

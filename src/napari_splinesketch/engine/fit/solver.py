@@ -38,13 +38,13 @@ class Bands(NamedTuple):
     """Curvature of what the prior costs: its inverse covariance; 0 for none."""
     prior_slope: Float[Array, "N D"]
     """Half of the slope of what the prior costs at its mean: bodies resist bending."""
+    lower: Float[Array, "N D"]
+    upper: Float[Array, "N D"]
 
 
 class Level(NamedTuple):
     """What all curves share."""
 
-    lower: Float[Array, " D"]
-    upper: Float[Array, " D"]
     noise: Float[Array, ""]
     longest: Float[Array, ""]
     """Move of a knot in one step, px."""
@@ -178,7 +178,7 @@ def _visit(one: Bands, level: Level, theta, damping, others, basis: Basis, limit
         longest = jnp.abs(move[: 2 * knots]).max()
         move = move * jnp.minimum(1.0, level.longest / (longest + 1e-9))
         move = jnp.where(jnp.isfinite(move).all(), move, 0.0)
-        trial = jnp.clip(best.theta + move, level.lower, level.upper)
+        trial = jnp.clip(best.theta + move, one.lower, one.upper)
         done |= move @ best.gradient < const.SETTLED
         return best, trial, damping, first, taken + 1, done
 

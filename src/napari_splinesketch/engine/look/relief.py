@@ -78,5 +78,8 @@ def raised(image: Float[Array, "H W"], towards: Float[Array, "2"]) -> Float[Arra
     rows, columns = image.shape
     size = fft.next_fast_len(2 * rows), fft.next_fast_len(2 * columns)
     along = fft.fftfreq(size[0])[:, None] * towards[0] + fft.rfftfreq(size[1]) * towards[1]
-    turned = fft.rfft2(image - np.median(image), size) * (1j * np.sign(along))
-    return np.asarray(fft.irfft2(turned, size))[:rows, :columns]
+    # In place: images are large.
+    turned = np.asarray(fft.rfft2(image - np.median(image), size))
+    turned *= np.sign(along)
+    turned *= 1j
+    return np.asarray(fft.irfft2(turned, size, overwrite_x=True))[:rows, :columns]
