@@ -136,8 +136,9 @@ def prepare(
     shape, valid = image.shape, np.isfinite(image)
     whole = image if valid.all() else filled(image, valid)
     ridges = Ridges(whole, pixel_noise(whole))
-    whole = whole.astype(np.float32)
-    del image  # in double precision, and no longer needed
+    # What is in double precision is no longer needed; large values have no small differences then.
+    whole = (whole - whole.min()).astype(np.float32)
+    del image
     most = int(np.searchsorted(WIDTHS, max(const.SUGGEST_WIDEST * min(shape), 2.0), side="right"))
     rungs = every = range(most)
     if half_width is not None:
