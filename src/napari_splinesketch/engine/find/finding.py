@@ -145,8 +145,9 @@ def as_clicks(sketch: Line, evidence: Float[Array, "H W"], half_width: float) ->
 def signs(scenes: Sequence[tuple[list[int], Scene]], sketches: list[Line]) -> list[int]:
     """1 for a bright body and -1 for a dark one, for each sketch of an image.
 
-    Where what is around a sketch does not tell, it means what costs clearly less, and the more the
-    other bodies are alike, the more clearly.
+    Where what is around a clicked or a straight one does not tell, it means what costs clearly
+    less, and the more the other bodies are alike, the more clearly. A stroke may lie far beside its
+    body, where something of the other polarity is.
     """
     look = {
         i: (seen, both)
@@ -154,13 +155,14 @@ def signs(scenes: Sequence[tuple[list[int], Scene]], sketches: list[Line]) -> li
         for i, both in zip(members, seen.around, strict=True)
     }
     found = [look[i][0].sign for i in range(len(sketches))]
-    unclear = [i for i in look if abs(look[i][1][0].vote) <= const.CLEAR_VOTE]
+    unclear = {i for i in look if abs(look[i][1][0].vote) <= const.CLEAR_VOTE}
     clear = [sign for i, sign in enumerate(found) if i not in unclear]
     odds = np.log((1 + clear.count(-1)) / (1 + clear.count(1)))
-    for i in unclear:
-        more = odds + _dearer(*look[i], sketches[i])
-        if abs(more) > const.CLEAR_MARGIN:
-            found[i] = 1 if more < 0 else -1
+    for i in sorted(unclear):
+        if scoring.clicked(sketches[i]) or len(sketches[i]) == 2:
+            more = odds + _dearer(*look[i], sketches[i])
+            if abs(more) > const.CLEAR_MARGIN:
+                found[i] = 1 if more < 0 else -1
     return found
 
 
