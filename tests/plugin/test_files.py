@@ -524,7 +524,7 @@ def test_lines_of_a_file_lie_on_whichever_image_is_chosen(qapp: Any, labels: Lab
         layer = Shapes(data, **meta)
         made.viewer.add_layer(layer)
         images.append(made.image(seed=1))
-        images[1].scale = (0.5, 0.5)
+        images[1].scale = np.array([0.5, 0.5])
         for image in (*images, *images):
             made.controller.image = image
             ((_, points),) = shapes_in(made.viewer, layer, image)

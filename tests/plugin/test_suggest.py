@@ -494,7 +494,7 @@ def test_lines_that_have_become_curves_stay_in_a_layer_that_lies_elsewhere(
     monkeypatch.setattr(engine, "suggest", lambda *task: found.pop(0))
     with bench() as made:
         image = made.image((512, 512))
-        image.scale, image.translate = (0.3, 0.3), (5000, 8000)
+        image.scale, image.translate = np.array([0.3, 0.3]), np.array([5000.0, 8000.0])
         layer = made.sketches([])
         layer.scale = image.scale
         made.controller.suggestions.suggest()
