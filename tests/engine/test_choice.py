@@ -218,6 +218,18 @@ def test_straight_lines_over_stripes_take_the_polarity_of_what_joins_their_ends(
     assert refine(image, lines).model.polarity == polarity
 
 
+@pytest.mark.parametrize("sign", [1, -1])
+def test_strokes_of_unclear_polarity_mean_what_costs_all_of_them_less(monkeypatch, sign):
+    """Each alone would not cost enough less to decide."""
+    image = np.random.default_rng(0).normal(0, 1, (120, 120))
+    strokes = [
+        np.column_stack([np.full(60, row), np.linspace(20, 100, 60)]) for row in (30.0, 60.0, 90.0)
+    ]
+    scenes = scene.read_scenes(image, strokes, "auto", None)
+    monkeypatch.setattr(finding, "_dearer", lambda *_: -0.5 * sign * constants.CLEAR_MARGIN)
+    assert finding.signs(scenes, strokes) == [sign] * 3
+
+
 def thin_beside_wide(gap: int, bodies: int, bright: float) -> tuple[np.ndarray, np.ndarray]:
     """An image of thin bodies side by side near a wide and bright one, and the first of them."""
     along = np.linspace(15, 105, 91)

@@ -146,8 +146,9 @@ def signs(scenes: Sequence[tuple[list[int], Scene]], sketches: list[Line]) -> li
     """1 for a bright body and -1 for a dark one, for each sketch of an image.
 
     Where what is around a clicked or a straight one does not tell, it means what costs clearly
-    less, and the more the other bodies are alike, the more clearly. A stroke may lie far beside its
-    body, where something of the other polarity is.
+    less, and the more the other bodies are alike, the more clearly. Strokes may lie far beside
+    their bodies, where something of the other polarity is: where what is around most sketches does
+    not tell, they all mean what costs less for them together.
     """
     look = {
         i: (seen, both)
@@ -155,14 +156,18 @@ def signs(scenes: Sequence[tuple[list[int], Scene]], sketches: list[Line]) -> li
         for i, both in zip(members, seen.around, strict=True)
     }
     found = [look[i][0].sign for i in range(len(sketches))]
-    unclear = {i for i in look if abs(look[i][1][0].vote) <= const.CLEAR_VOTE}
+    told = [abs(look[i][1][0].vote) for i in range(len(sketches))]
+    unclear = {i for i, vote in enumerate(told) if vote <= const.CLEAR_VOTE}
+    strokes = {i for i, x in enumerate(sketches) if len(x) > 2 and not scoring.clicked(x)}
     clear = [sign for i, sign in enumerate(found) if i not in unclear]
     odds = np.log((1 + clear.count(-1)) / (1 + clear.count(1)))
-    for i in sorted(unclear):
-        if scoring.clicked(sketches[i]) or len(sketches[i]) == 2:
-            more = odds + _dearer(*look[i], sketches[i])
-            if abs(more) > const.CLEAR_MARGIN:
-                found[i] = 1 if more < 0 else -1
+    groups = [{i} for i in unclear - strokes]
+    if np.median(told) <= const.CLEAR_VOTE:
+        groups.append(strokes)
+    for group in groups:
+        more = odds + sum(_dearer(*look[i], sketches[i]) for i in sorted(group))
+        for i in unclear & group if abs(more) > const.CLEAR_MARGIN else ():
+            found[i] = 1 if more < 0 else -1
     return found
 
 

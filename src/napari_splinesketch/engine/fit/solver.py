@@ -39,7 +39,9 @@ class Bands(NamedTuple):
     prior_slope: Float[Array, "N D"]
     """Half of the slope of what the prior costs at its mean: bodies resist bending."""
     lower: Float[Array, "N D"]
+    """Least values of the parameters."""
     upper: Float[Array, "N D"]
+    """Largest values of the parameters."""
 
 
 class Level(NamedTuple):
