@@ -21,13 +21,14 @@ os.environ.setdefault("JAX_PLATFORMS", "cpu")
 
 import numpy as np
 from frames import spoil
-from real_cases import FOLDERS, ROOT, Case, Line, freehand, in_folders, straightened
+from real_cases import FOLDERS, ROOT, Case, Line, freehand, in_folders, jittered, straightened
 from real_foreign import LOOKS, NAME, PROFILES, SET, TAPERS, pair, scene, single
 from real_judge import MOST, shares, verdict
 from scipy.ndimage import gaussian_filter
 from scipy.spatial import KDTree
 
 from napari_splinesketch import Curve, refine, suggest, synthetic
+from napari_splinesketch.engine import spline
 from napari_splinesketch.metrics import average_dtw
 
 FIGURES = ROOT / "docs" / "benchmarks" / "real_modes.csv"
@@ -37,6 +38,8 @@ TURNED = 20.0
 """Sketches are turned by so many degrees, either way."""
 MOVED, FAR = 0.1, 0.5
 """A curve has moved; a curve has moved far and must be marked: largest distance, px."""
+UNIT = 3.7
+"""An image is multiplied by this, as if it were in another unit."""
 SEED = 910_000
 SIZES = (
     *((1.2, n) for n in (30, 100, 400, 1000, 2000)),
@@ -165,6 +168,28 @@ def order(run: Refine, frames: int) -> Figures:
         "median of the average, px": float(np.median(mean)),
         "over 0.5 px unmarked, %": 100 * sum(m > FAR for m in unmarked) / len(most),
         "largest unmarked, px": max(unmarked, default=0.0),
+    }
+
+
+def rounding(run: Refine, frames: int) -> Figures:
+    """Real images in another unit: but for rounding, nothing is different."""
+    moved, unmarked = [], []
+    for case in in_folders(FOLDERS[:1]):
+        for drawn in (case, jittered(case)):
+            sketches = next(iter(drawn.sketches.values()))
+            image = case.image.astype(np.float64)
+            for one, other in zip(run(image, sketches), run(UNIT * image, sketches), strict=True):
+                away = max(
+                    float(spline.apart(a.points, b.points).max())
+                    for a, b in ((one, other), (other, one))
+                )
+                moved.append(away)
+                unmarked.append(away > 1 and one.status == other.status == "good")
+    return {
+        "curves": len(moved),
+        "moved over 0.1 px, %": _percent([m > MOVED for m in moved]),
+        "moved over 1 px, %": _percent([m > 1 for m in moved]),
+        "over 1 px unmarked, %": _percent(unmarked),
     }
 
 
@@ -391,6 +416,7 @@ def _percent(flags: Sequence[bool]) -> float:
 MODES = {
     "crowd": crowd,
     "order": order,
+    "rounding": rounding,
     "ends": ends,
     "sizes": sizes,
     "widths": widths,

@@ -31,6 +31,8 @@ from real_cases import (
 from napari_splinesketch.engine.find import finding, hollow
 
 PERMISSIVE = ("Apache-2.0", "BSD-", "CC0", "CC-BY-4.0", "MIT", "PDDL-1.0", "public domain")
+ROUNDED = ("lattice", "retina", "retina_below")
+"""Images in which rounding moved many curves."""
 LINE = np.array([[50.0, 10.0], [50.0, 110.0]])
 
 
@@ -188,6 +190,16 @@ def test_points_are_uniform_along_a_polyline():
 
 def test_about_a_third_is_held_out():
     assert 80 < sum(split_of(f"case {i}") == "held" for i in range(300)) < 120
+
+
+@pytest.mark.slow
+def test_curves_hardly_depend_on_rounding(monkeypatch):
+    """With long steps at first, 38 % of these curves moved when the image was multiplied."""
+    three = [case for case in in_folders(FOLDERS[:1]) if case.name in ROUNDED]
+    monkeypatch.setattr(real_modes, "in_folders", lambda _: three)
+    figures = real_modes.rounding(partial(real_modes._refine, preset="balanced"), 1)
+    assert figures["curves"] == 68
+    assert figures["moved over 0.1 px, %"] < 12
 
 
 @pytest.mark.slow
