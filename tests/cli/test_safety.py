@@ -189,6 +189,51 @@ def test_outputs_that_cannot_be_written_are_refused_before_the_work(
     assert engine.calls == []
 
 
+@pytest.mark.parametrize("name", [".", "/", f"{'x' * 250}.csv", f"{'x' * 300}.csv"])
+@pytest.mark.parametrize("command", ["refine film.tif sketches.csv -o", "suggest film.tif -o"])
+def test_names_that_no_file_can_have_are_refused_in_one_line(
+    command: str, name: str, engine: FakeEngine, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = contents()
+    assert main([*command.split(), name]) == 2
+    told = capsys.readouterr().err
+    assert len(told.splitlines()) == 1
+    assert "is a folder, and is not replaced" in told or "name too long" in told
+    assert contents() == before
+    assert engine.calls == []
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        "refine film.tif sketches.csv -o ",
+        "refine film.tif  -o labels.csv",
+        "suggest film.tif -o ",
+        "convert  labels.csv",
+        "compare sketches.csv sketches.csv --picture ",
+        "export-training film.tif accepted.csv -o ",
+        "demo -o ",
+    ],
+)
+def test_a_name_that_a_shell_s_variable_does_not_give_is_refused(
+    command: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = contents()
+    with pytest.raises(SystemExit) as ended:
+        main(command.split(" "))
+    assert ended.value.code == 2
+    assert "the name is empty" in capsys.readouterr().err
+    assert contents() == before
+
+
+def test_a_picture_over_an_image_without_a_name_is_refused(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    compare = "compare sketches.csv sketches.csv --picture p.png --image ".split(" ")
+    assert main(compare) == 2
+    assert "the image has no name" in capsys.readouterr().err
+
+
 def test_a_folder_of_somebody_else_s_is_not_written_into(
     engine: FakeEngine, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -73,7 +73,7 @@ def run(arguments: Sequence[str] | None) -> int:
         raise
     except (Exception, KeyboardInterrupt) as error:
         in_frames = isinstance(job, jobs.FrameJob)
-        kept = f"; {KEPT}" if in_frames and folder_of(job.output).exists() else ""
+        kept = f"; {KEPT}" if in_frames and os.path.exists(folder_of(job.output)) else ""
         if isinstance(error, KeyboardInterrupt) or terminal.was_interrupted():
             raise KeyboardInterrupt(f"interrupted{kept}") from None
         if isinstance(error, BrokenPipeError) and not name:  # --help, as Python 3.11.2 prints it

@@ -5,6 +5,7 @@ import math
 import re
 from collections.abc import Callable, Iterable
 from dataclasses import MISSING, field, fields
+from pathlib import Path
 from types import NoneType
 from typing import Any, Literal, get_args, get_origin, get_type_hints
 
@@ -52,6 +53,7 @@ def add_options(parser: argparse.ArgumentParser, options: Any) -> None:
     for one in fields(options):
         kinds = get_args(hints[one.name])
         kind = kinds[0] if NoneType in kinds else hints[one.name]
+        kind = named if kind is Path else kind
         text, metavar = one.metadata["help"], one.metadata["metavar"]
         if not text:
             parser.add_argument(one.name, metavar=metavar, type=kind)
@@ -69,6 +71,13 @@ def add_options(parser: argparse.ArgumentParser, options: Any) -> None:
             values = one.default if isinstance(one.default, tuple) else (one.default,)
             text = f"{text} (default: {' '.join(map(str, values))})"
         parser.add_argument(*flags, help=text, required=one.default is MISSING, **more)
+
+
+def named(text: str) -> Path:
+    """Read a name of a file or folder; without one, Path would take the current folder."""
+    if not text:
+        raise argparse.ArgumentTypeError("the name is empty; is a variable not set?")
+    return Path(text)
 
 
 def numbers(text: str) -> tuple[float, ...]:

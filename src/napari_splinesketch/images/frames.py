@@ -103,7 +103,7 @@ def is_url(pattern: str) -> bool:
 
 def is_part_of(path: Path, pattern: str) -> bool:
     """Whether a file is, or would become, a part of the image of this name."""
-    if is_url(pattern):
+    if is_url(pattern) or not pattern:
         return False
     image = Path(pattern)
     if image.is_file() or _is_zarr(image):
