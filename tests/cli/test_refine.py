@@ -526,6 +526,7 @@ REFUSED = {
     "no such pixels": (["--pixel-size", "1e40"], "size of a pixel, from 1e-30 to 1e+30"),
     "too thin": (["--half-width", "0.01"], ": --half-width is 0.01; give 0.2 to 30 px"),
     "too wide": (["--half-width", "1e4"], ": --half-width is 10000.0; give 0.2 to 30 px"),
+    "left out": (["--half-width", "1e4"], "or leave it out to have it measured."),
     "seed": (["--seed", "9999999999"], ": --seed is 9999999999; give a whole number up to"),
     "unknown ending": (["-o", "labels.xls"], "no format has this ending"),
     "no such channel": (["--channel", "2"], "no axis"),

@@ -43,7 +43,8 @@ def as_typed(reason: str, options: Any) -> str:
     for one in fields(options):
         begins = one.metadata.get("begins", f"{one.name} is ")
         if one.metadata["help"] and reason.startswith(begins):
-            return f"{flag_of(one.name)} is {reason.removeprefix(begins)}"
+            rest = reason.removeprefix(begins).replace(", or None to", ", or leave it out to")
+            return f"{flag_of(one.name)} is {rest}"
     return reason
 
 
