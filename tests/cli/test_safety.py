@@ -1,11 +1,13 @@
 """Nothing lost, nothing overwritten, nothing without end: what the command line promises."""
 
+import errno
 import os
 import shutil
 import stat
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import imageio.v3
 import numpy as np
@@ -13,8 +15,10 @@ import pytest
 import tifffile
 
 import napari_splinesketch
+from napari_splinesketch.batch.frame_task import FrameReport
+from napari_splinesketch.batch.partial import Partial
 from napari_splinesketch.cli import main
-from napari_splinesketch.files import owned, printable
+from napari_splinesketch.files import WHEN_FULL, owned, printable
 from napari_splinesketch.labels import Label, Labels, read_labels, write_labels
 from napari_splinesketch.labels.formats import WRITERS
 
@@ -466,6 +470,25 @@ def test_a_full_disk_names_the_file_and_the_remedy() -> None:
         assert code == "2", line
         assert f"{name}: no space left on the disk; make some" in line
     assert sorted(os.listdir()) == before
+
+
+def test_a_disk_that_fills_during_a_run_keeps_what_is_done(
+    engine: FakeEngine, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    save = Partial.save
+
+    def fill(self: Partial, report: FrameReport, *more: Any) -> None:
+        if report.frame == 2:
+            raise OSError(errno.ENOSPC, WHEN_FULL, "labels.csv.partial/2")
+        save(self, report, *more)
+
+    with monkeypatch.context() as full:
+        full.setattr(Partial, "save", fill)
+        assert refine() == 2
+    assert capsys.readouterr().err.endswith("finished frames are kept; add --resume to continue\n")
+    before = len(engine.calls)
+    assert refine("--resume") == 0
+    assert len(engine.calls) == before + 2
 
 
 @POSIX
