@@ -83,7 +83,10 @@ def named(text: str) -> Path:
 
 def numbers(text: str) -> tuple[float, ...]:
     """Read numbers that spaces separate."""
-    return tuple(map(float, text.split() or [text]))
+    try:
+        return tuple(map(float, text.split() or [text]))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is no number") from None
 
 
 def numbers_joined(arguments: Iterable[str], flag: str) -> list[str]:
