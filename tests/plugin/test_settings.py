@@ -153,6 +153,18 @@ def test_a_comma_is_a_decimal_point_in_every_country(
         assert settings.load().half_width == 2.75
 
 
+def test_a_half_width_that_is_cleared_is_measured(
+    dock: SplinesketchDock, npe2pm_installed: None
+) -> None:
+    box = dock.settings_form.half_width
+    box.setValue(3.5)
+    box.selectAll()
+    QTest.keyClick(box, Qt.Key.Key_Delete)
+    QTest.keyClick(box, Qt.Key.Key_Return)
+    assert box.text() == "auto"
+    assert not settings.load().half_width
+
+
 @pytest.mark.slow
 @pytest.mark.window(shown=True)
 def test_choices_are_kept_and_used(viewer: Any, fake: FakeEngine, npe2pm_installed: None) -> None:
