@@ -238,8 +238,8 @@ class Keeper:
     ) -> None:
         """Change some curves as a step, those selected if none are named."""
         chosen = keys or self.selection
-        if self.work and chosen:
-            self.apply(f"{verb} {words.curves(chosen)}", change(self.work.state, chosen))
+        if self.work and chosen and (state := change(self.state, chosen)) is not self.state:
+            self.apply(f"{verb} {words.curves(chosen)}", state)
 
     def delete(self, *keys: Key) -> None:
         """Delete curves, those selected if none are named; not if one of them is locked."""
