@@ -169,6 +169,8 @@ def test_impossible_scenes_say_so():
         synthetic.scene(0, length=200, bend=0.0)
     with pytest.raises(ValueError, match="brightnes"):
         synthetic.scene(0, brightnes=2.0)
+    with pytest.raises(ValueError, match="polarity is 'drak'; choose 'bright' or 'dark'"):
+        synthetic.scene(0, polarity="drak")
 
 
 CURVE = synthetic.scene(11).centrelines[0]

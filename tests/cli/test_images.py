@@ -246,6 +246,8 @@ def test_a_film_that_was_cut_off_has_its_first_frames(tmp_path: Path) -> None:
         assert np.array_equal(frames[1], FRAMES[1])
         with pytest.raises(ImageError, match="frame 3: cannot be read"):
             frames[3]
+        with pytest.raises(ImageError, match=r"frame 2: .*the file ends before it; copy"):
+            frames[2]
 
 
 def test_a_glob_over_folders_goes_folder_by_folder(tmp_path: Path) -> None:
@@ -465,6 +467,7 @@ HOSTILE: dict[str, tuple[Callable[[Path], str], str]] = {
     "missing": (lambda path: str(path / "none.tif"), "no such image"),
     "empty folder": (str, "no folder or glob with images"),
     "another kind of file": (word_file, "not an image; expected one of .tif"),
+    "an image of another kind": (word_file, "or a folder; save other images as TIFF"),
     "broken TIFF": (broken_tiff, "cannot be read"),
     "cut PNG": (cut_png, "a.png: cannot be read as PNG"),
     "empty PNG": (empty_png, "can not handle the given uri.); save it again"),

@@ -520,12 +520,14 @@ REFUSED = {
     "no folder": (["--masks", "none/m.tif"], "no such folder"),
     "not a TIFF": (["--masks", "m.png"], "m.png: expected a name that ends with .tif or .tiff"),
     "not a picture": (["--overlay", "o.csv"], "ends with .png"),
+    "kinds of pictures": (["--overlay", "o.csv"], "that ends with .png, .jpg or .tif"),
     "same name": (["--masks", "a.tif", "--reconstruction", "a.tif"], "the same name"),
     "units alone": (["--units", "µm"], "--units needs --pixel-size"),
     "three sizes": (["--pixel-size", "1", "2", "3"], "has 3 numbers"),
     "no such pixels": (["--pixel-size", "1e40"], "size of a pixel, from 1e-30 to 1e+30"),
     "too thin": (["--half-width", "0.01"], ": --half-width is 0.01; give 0.2 to 30 px"),
     "too wide": (["--half-width", "1e4"], ": --half-width is 10000.0; give 0.2 to 30 px"),
+    "left out": (["--half-width", "1e4"], "or leave it out to have it measured."),
     "seed": (["--seed", "9999999999"], ": --seed is 9999999999; give a whole number up to"),
     "unknown ending": (["-o", "labels.xls"], "no format has this ending"),
     "no such channel": (["--channel", "2"], "no axis"),
@@ -561,6 +563,14 @@ def test_wrong_options_are_argparse_s_errors(folder: Path, more: list[str]) -> N
     with pytest.raises(SystemExit) as caught:
         refine(*more)
     assert caught.value.code == 2
+
+
+def test_a_pixel_size_that_is_no_number_is_told(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit):
+        refine("--pixel-size", "x")
+    assert "argument --pixel-size: 'x' is no number" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("more", [["-o", "a.csv", "--masks", "a.tif"], ["-o", "a.masks.tif"]])

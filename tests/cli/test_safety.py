@@ -1,11 +1,13 @@
 """Nothing lost, nothing overwritten, nothing without end: what the command line promises."""
 
+import errno
 import os
 import shutil
 import stat
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import imageio.v3
 import numpy as np
@@ -13,8 +15,10 @@ import pytest
 import tifffile
 
 import napari_splinesketch
+from napari_splinesketch.batch.frame_task import FrameReport
+from napari_splinesketch.batch.partial import Partial
 from napari_splinesketch.cli import main
-from napari_splinesketch.files import owned, printable
+from napari_splinesketch.files import WHEN_FULL, owned, printable
 from napari_splinesketch.labels import Label, Labels, read_labels, write_labels
 from napari_splinesketch.labels.formats import WRITERS
 
@@ -187,6 +191,51 @@ def test_outputs_that_cannot_be_written_are_refused_before_the_work(
     assert len(told.splitlines()) == 1
     assert contents() == before
     assert engine.calls == []
+
+
+@pytest.mark.parametrize("name", [".", "/", f"{'x' * 250}.csv", f"{'x' * 300}.csv"])
+@pytest.mark.parametrize("command", ["refine film.tif sketches.csv -o", "suggest film.tif -o"])
+def test_names_that_no_file_can_have_are_refused_in_one_line(
+    command: str, name: str, engine: FakeEngine, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = contents()
+    assert main([*command.split(), name]) == 2
+    told = capsys.readouterr().err
+    assert len(told.splitlines()) == 1
+    assert "is a folder, and is not replaced" in told or "name too long" in told
+    assert contents() == before
+    assert engine.calls == []
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        "refine film.tif sketches.csv -o ",
+        "refine film.tif  -o labels.csv",
+        "suggest film.tif -o ",
+        "convert  labels.csv",
+        "compare sketches.csv sketches.csv --picture ",
+        "export-training film.tif accepted.csv -o ",
+        "demo -o ",
+    ],
+)
+def test_a_name_that_a_shell_s_variable_does_not_give_is_refused(
+    command: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = contents()
+    with pytest.raises(SystemExit) as ended:
+        main(command.split(" "))
+    assert ended.value.code == 2
+    assert "the name is empty" in capsys.readouterr().err
+    assert contents() == before
+
+
+def test_a_picture_over_an_image_without_a_name_is_refused(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    compare = "compare sketches.csv sketches.csv --picture p.png --image ".split(" ")
+    assert main(compare) == 2
+    assert "the image has no name" in capsys.readouterr().err
 
 
 def test_a_folder_of_somebody_else_s_is_not_written_into(
@@ -421,6 +470,25 @@ def test_a_full_disk_names_the_file_and_the_remedy() -> None:
         assert code == "2", line
         assert f"{name}: no space left on the disk; make some" in line
     assert sorted(os.listdir()) == before
+
+
+def test_a_disk_that_fills_during_a_run_keeps_what_is_done(
+    engine: FakeEngine, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    save = Partial.save
+
+    def fill(self: Partial, report: FrameReport, *more: Any) -> None:
+        if report.frame == 2:
+            raise OSError(errno.ENOSPC, WHEN_FULL, "labels.csv.partial/2")
+        save(self, report, *more)
+
+    with monkeypatch.context() as full:
+        full.setattr(Partial, "save", fill)
+        assert refine() == 2
+    assert capsys.readouterr().err.endswith("finished frames are kept; add --resume to continue\n")
+    before = len(engine.calls)
+    assert refine("--resume") == 0
+    assert len(engine.calls) == before + 2
 
 
 @POSIX

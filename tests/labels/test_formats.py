@@ -35,6 +35,13 @@ def test_the_longest_ending_decides_and_case_does_not_matter() -> None:
     assert writer_of("shapes.csv").name == "labels CSV"
 
 
+def test_a_name_that_is_read_as_one_format_is_not_written_in_another(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=r"a\.wcon\.zip: WCON is written with the ending \.wcon$"):
+        write_labels(tmp_path / "a.wcon.zip", Labels())
+    assert not list(tmp_path.iterdir())
+    assert writer_of("a.zip").name == "ImageJ ROIs"
+
+
 def test_names_and_endings_are_unique() -> None:
     assert len({form.name for form in FORMATS}) == len(FORMATS)
     assert len({writer.suffix for writer in WRITERS}) == len(WRITERS)

@@ -77,6 +77,21 @@ def test_titles_of_plots_are_not_cut_in_the_narrowest_panel(qapp: Any, unit: str
         assert shown.item.boundingRect().width() <= plot.boundingRect().width()
 
 
+@pytest.mark.parametrize("length", [100.0, 2000.0, 0.004])
+@pytest.mark.parametrize("width", [280, 420])
+def test_the_last_number_below_a_plot_is_not_cut(qapp: Any, width: int, length: float) -> None:
+    plots = CurvePlots("dark")
+    plots.show()
+    plots.resize(width, 200)
+    along = np.linspace(0, length, 9)
+    plots.show_plots(*(Plot("Half-width ± sd (px)", "px", along, np.ones(9)) for _ in "ab"))
+    until(lambda: [type(item).__name__ for item in plots.ci.items] == ["PlotItem"] * 2)
+    QTest.qWait(20)
+    shown = plots.grab().toImage()
+    right = {shown.pixel(shown.width() - 2, y) for y in range(2, shown.height() - 2)}
+    assert len(right) == 1, "text or lines run out of the panel"
+
+
 def test_plots_that_follow_a_hint_fit_into_a_narrow_panel(qapp: Any) -> None:
     plots = CurvePlots("dark")
     plots.resize(plots.minimumWidth() + 10, 200)

@@ -110,6 +110,30 @@ def test_a_half_width_is_shown_however_large_or_small_in_the_unit_of_the_image(
     assert asked == pytest.approx(box.value() / pixel)
 
 
+@pytest.mark.parametrize("wrong", [40.0, 0.01])
+def test_a_half_width_that_no_body_of_the_image_can_have_is_said_in_its_unit(
+    wrong: float, viewer: Any, fake: FakeEngine, npe2pm_installed: None
+) -> None:
+    dock = add_dock(viewer)
+    place: dict[str, Any] = {"scale": (0.25, 0.25), "units": ("um", "um")}
+    film: dict[str, Any] = {"scale": (1.0, 0.25, 0.25), "units": ("pixel", "um", "um")}
+    viewer.add_image(np.random.default_rng(0).random((3, 64, 96)), **film)
+    viewer.add_shapes([[[10, 10], [10, 60]]], shape_type="line", **place)
+    refine(dock)
+    viewer.layers["Shapes"].add([[30, 10], [30, 60]], shape_type="line")
+    dock.controller.choose(half_width=wrong, half_width_unit="µm")
+    said = f"Half-width, under Settings, is {wrong:g} µm: give 0.05 to 12 µm in this image"
+    assert said in dock.hint.text()
+    for each in (dock.refine, dock.suggest, dock.track.buttons["track"]):
+        assert said in each.toolTip()
+        assert not each.isEnabled()
+    dock.controller.refine("all")
+    assert said in dock.notice.text()
+    assert len(fake.calls) == 1
+    dock.settings_form.half_width.setValue(12.0)
+    refine(dock)
+
+
 def test_what_is_being_typed_stays_while_layers_come(
     viewer: Any, fake: FakeEngine, npe2pm_installed: None
 ) -> None:
@@ -151,6 +175,18 @@ def test_a_comma_is_a_decimal_point_in_every_country(
         QTest.keyClicks(box, typed)
         QTest.keyClick(box, Qt.Key.Key_Return)
         assert settings.load().half_width == 2.75
+
+
+def test_a_half_width_that_is_cleared_is_measured(
+    dock: SplinesketchDock, npe2pm_installed: None
+) -> None:
+    box = dock.settings_form.half_width
+    box.setValue(3.5)
+    box.selectAll()
+    QTest.keyClick(box, Qt.Key.Key_Delete)
+    QTest.keyClick(box, Qt.Key.Key_Return)
+    assert box.text() == "auto"
+    assert not settings.load().half_width
 
 
 @pytest.mark.slow

@@ -108,3 +108,16 @@ def test_the_selection_is_the_same_everywhere(
     controller.restore()
     assert controller.selection == ((0, 1),)
     until(lambda: curves.nshapes == 2)
+
+
+def test_what_is_said_of_a_curve_again_is_no_step(viewer: Any, dock: SplinesketchDock) -> None:
+    sketched(viewer)
+    refine(dock)
+    controller = dock.controller
+    controller.select([(0, 1)])
+    for _ in range(4):  # the last ones where no curve is left
+        controller.actions.run("accept")
+    assert [record.review for record in controller.records()] == ["accepted", "accepted"]
+    assert "No curve is left" in dock.notice.text()
+    controller.undo()
+    assert [record.review for record in controller.records()] == ["accepted", "open"]

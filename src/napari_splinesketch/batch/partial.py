@@ -23,7 +23,7 @@ FRAMES_A_FOLDER = 1000
 
 def folder_of(output: Path) -> Path:
     """Name the folder of the finished frames of a run, after its main output."""
-    return output.with_name(f"{output.name}.partial")
+    return Path(f"{output}.partial")
 
 
 class Partial:

@@ -18,7 +18,7 @@ from napari_splinesketch import __version__
 from napari_splinesketch.batch.partial import folder_of
 from napari_splinesketch.cli import jobs, report, terminal
 from napari_splinesketch.cli.options import add_options, as_typed, given, numbers_joined
-from napari_splinesketch.files import counted, is_inside, reason_of
+from napari_splinesketch.files import WHEN_FULL, counted, is_inside, reason_of
 from napari_splinesketch.images.frames import open_frames
 from napari_splinesketch.labels.formats import open_labels, read_labels, write_labels
 from napari_splinesketch.training import Split, export_training
@@ -73,7 +73,7 @@ def run(arguments: Sequence[str] | None) -> int:
         raise
     except (Exception, KeyboardInterrupt) as error:
         in_frames = isinstance(job, jobs.FrameJob)
-        kept = f"; {KEPT}" if in_frames and folder_of(job.output).exists() else ""
+        kept = f"; {KEPT}" if in_frames and os.path.exists(folder_of(job.output)) else ""
         if isinstance(error, KeyboardInterrupt) or terminal.was_interrupted():
             raise KeyboardInterrupt(f"interrupted{kept}") from None
         if isinstance(error, BrokenPipeError) and not name:  # --help, as Python 3.11.2 prints it
@@ -85,6 +85,7 @@ def run(arguments: Sequence[str] | None) -> int:
         if not isinstance(error, (ValueError, OSError)):
             raise  # the user's mistakes end in one sentence; this is a bug
         reason = as_typed(reason_of(error), job) if job else reason_of(error)
+        reason += kept if WHEN_FULL in reason else ""
         terminal.say(f"napari-splinesketch {name}: {reason}")
         return report.NOTHING
 

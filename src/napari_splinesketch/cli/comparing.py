@@ -46,7 +46,7 @@ def draw(job: CompareJob, path: Path, labels: Labels, truth: Labels) -> None:
     """Draw curves and truth of the first frame that has either, on an image or a blank sheet."""
     ours, theirs = _by_frame(labels), _by_frame(truth)
     frame = min(ours.keys() | theirs.keys(), default=0)
-    if job.image:
+    if job.image is not None:
         with open_frames(job.image, channel=job.channel, z=job.z) as images:
             pixels = images[frame]
     else:

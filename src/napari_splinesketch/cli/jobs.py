@@ -52,7 +52,8 @@ class Job:
         for one in fields(self):
             path, endings = getattr(self, one.name), one.metadata.get("written")
             if endings and path and path.suffix.lower() not in endings:
-                raise ValueError(f"{path}: expected a name that ends with {' or '.join(endings)}")
+                known = f"{', '.join(endings[:-1])} or {endings[-1]}"
+                raise ValueError(f"{path}: expected a name that ends with {known}")
 
     @contextmanager
     def owning(self) -> Iterator[None]:

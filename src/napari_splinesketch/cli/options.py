@@ -5,6 +5,7 @@ import math
 import re
 from collections.abc import Callable, Iterable
 from dataclasses import MISSING, field, fields
+from pathlib import Path
 from types import NoneType
 from typing import Any, Literal, get_args, get_origin, get_type_hints
 
@@ -42,7 +43,8 @@ def as_typed(reason: str, options: Any) -> str:
     for one in fields(options):
         begins = one.metadata.get("begins", f"{one.name} is ")
         if one.metadata["help"] and reason.startswith(begins):
-            return f"{flag_of(one.name)} is {reason.removeprefix(begins)}"
+            rest = reason.removeprefix(begins).replace(", or None to", ", or leave it out to")
+            return f"{flag_of(one.name)} is {rest}"
     return reason
 
 
@@ -52,6 +54,7 @@ def add_options(parser: argparse.ArgumentParser, options: Any) -> None:
     for one in fields(options):
         kinds = get_args(hints[one.name])
         kind = kinds[0] if NoneType in kinds else hints[one.name]
+        kind = named if kind is Path else kind
         text, metavar = one.metadata["help"], one.metadata["metavar"]
         if not text:
             parser.add_argument(one.name, metavar=metavar, type=kind)
@@ -71,9 +74,19 @@ def add_options(parser: argparse.ArgumentParser, options: Any) -> None:
         parser.add_argument(*flags, help=text, required=one.default is MISSING, **more)
 
 
+def named(text: str) -> Path:
+    """Read a name of a file or folder; without one, Path would take the current folder."""
+    if not text:
+        raise argparse.ArgumentTypeError("the name is empty; is a variable not set?")
+    return Path(text)
+
+
 def numbers(text: str) -> tuple[float, ...]:
     """Read numbers that spaces separate."""
-    return tuple(map(float, text.split() or [text]))
+    try:
+        return tuple(map(float, text.split() or [text]))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is no number") from None
 
 
 def numbers_joined(arguments: Iterable[str], flag: str) -> list[str]:

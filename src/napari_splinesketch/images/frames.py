@@ -103,7 +103,7 @@ def is_url(pattern: str) -> bool:
 
 def is_part_of(path: Path, pattern: str) -> bool:
     """Whether a file is, or would become, a part of the image of this name."""
-    if is_url(pattern):
+    if is_url(pattern) or not pattern:
         return False
     image = Path(pattern)
     if image.is_file() or _is_zarr(image):
@@ -130,7 +130,8 @@ def _file(path: Path, channel: int | None, z: int | None) -> AbstractContextMana
     if suffix in STILLS + FILMS:
         return _still_or_film(path, suffix in FILMS, channel, z)
     allowed = ", ".join((*TIFFS, *STILLS, *FILMS))
-    raise ImageError(f"{path}: not an image; expected one of {allowed}, OME-Zarr or a folder")
+    rest = f"{allowed}, OME-Zarr or a folder; save other images as TIFF"
+    raise ImageError(f"{path}: not an image; expected one of {rest}")
 
 
 @contextmanager

@@ -81,7 +81,10 @@ def _frames(
         # Mapped again each time: what stays mapped counts as memory of the process. One frame
         # only: a file that was cut off has the first ones.
         kind = series.dtype.newbyteorder(file.byteorder)
-        start = series.dataoffset + number * kind.itemsize * math.prod(size)
+        length = kind.itemsize * math.prod(size)
+        start = series.dataoffset + number * length
+        if path.stat().st_size < start + length:
+            raise EOFError("the file ends before it; copy it again")
         return np.array(np.memmap(path, kind, "r", start, size))
 
     return int(ends[-1]), read

@@ -69,6 +69,9 @@ def writer_of(path: str | os.PathLike[str]) -> Format:
         allowed = ", ".join(f"{form.suffix} ({form.name})" for form in WRITERS)
         raise ValueError(f"{name}: no format has this ending; expected one of {allowed}")
     found = max(fitting, key=lambda form: len(form.suffix))
+    for form in READERS:
+        if form is not found and len(form.ending(path)) > len(found.suffix):
+            raise ValueError(f"{name}: {form.name} is written with the ending {form.suffix}")
     if found.needs and not find_spec(found.needs.replace("-", "_")):
         raise ValueError(f"{found.name} files need {found.needs}; {INSTALL.format('formats')}")
     return found

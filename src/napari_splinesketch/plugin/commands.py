@@ -223,7 +223,7 @@ COMMANDS = (
             problem=_empty, meanwhile=True),
     Command("suggest", "Suggest lines", "W", lambda c: c.suggestions.suggest(),
             "Draw a line over each body that stands out in this frame",
-            problem=lambda c: space.plane_problem(c.viewer, c.image)),
+            problem=lambda c: c.problem),
     Command("previous_frame", "◂ Previous", "Shift+F", lambda c: films.track(c, -1, 1),
             "Carry the curves to the previous frame, refine them there and show it", "film",
             problem=lambda c: films.tracking_problem(c, -1)),

@@ -65,8 +65,7 @@ class Controller(Keeper):
 
     def request(self, scope: Scope = "new") -> Plan:
         """Say what Refine would do now; selected lines go before those that are new."""
-        image, layer, marked = self.image, self.sketches, frozenset[int]()
-        problem = space.plane_problem(self.viewer, image)
+        layer, marked, problem = self.sketches, frozenset[int](), self.problem
         if problem or layer is None:
             return Plan(problem=problem or words.BEGIN)
         if self.unfinished and drawn.drawing(self.viewer, layer):

@@ -114,7 +114,7 @@ class Suggestions:
 
 def tracking_problem(c: Controller, way: int) -> str:
     """Why there is nothing to carry on (1) or back (-1), or nothing."""
-    if problem := space.plane_problem(c.viewer, c.image):
+    if problem := c.problem:
         return problem
     if c.frame == space.times_of(c.image).of(c.frame)[min(-way, 0)]:
         return "This is the last frame" if way > 0 else "This is the first frame"
@@ -159,7 +159,7 @@ def confirmed(state: State, frame: int, way: int = 1) -> int:
 
 def around_problem(c: Controller) -> str:
     """Why there is nothing to fit again around the frame in view, or nothing."""
-    if (problem := space.plane_problem(c.viewer, c.image)) or _corrected(c)[-1]:
+    if (problem := c.problem) or _corrected(c)[-1]:
         return problem
     return NOT_TRACKED if any(r.by_hand for r in c.records(c.frame)) else NOT_CORRECTED
 

@@ -18,7 +18,13 @@ from napari_splinesketch.plugin import choices, files, words
 from napari_splinesketch.plugin.layers.drawn import Drawn, drawing, drawn_in
 from napari_splinesketch.plugin.layers.pictures import Drawing, is_result
 from napari_splinesketch.plugin.layers.results import ORIGIN, WORKS, Work, origin_of
-from napari_splinesketch.plugin.layers.space import current_frame, ruler_of, times_of
+from napari_splinesketch.plugin.layers.space import (
+    current_frame,
+    plane_problem,
+    ruler_of,
+    size_of,
+    times_of,
+)
 from napari_splinesketch.plugin.model import Changes, History, Key, Record, Review, State, key_of
 
 if TYPE_CHECKING:
@@ -232,8 +238,8 @@ class Keeper:
     ) -> None:
         """Change some curves as a step, those selected if none are named."""
         chosen = keys or self.selection
-        if self.work and chosen:
-            self.apply(f"{verb} {words.curves(chosen)}", change(self.work.state, chosen))
+        if self.work and chosen and (state := change(self.state, chosen)) is not self.state:
+            self.apply(f"{verb} {words.curves(chosen)}", state)
 
     def delete(self, *keys: Key) -> None:
         """Delete curves, those selected if none are named; not if one of them is locked."""
@@ -259,6 +265,15 @@ class Keeper:
         if chosen := keys or tuple(map(key_of, self.state.deleted[-1:])):
             self._change("Restore", State.restored, *chosen)
             self.select(chosen)
+
+    @property
+    def problem(self) -> str:
+        """Why nothing can be refined or looked for in the chosen image now, or nothing."""
+        image, problem = self.image, plane_problem(self.viewer, self.image)
+        if problem or image is None:
+            return problem
+        ruler = ruler_of(image)
+        return words.half_width(self.settings.half_width_in(ruler), ruler, size_of(image))
 
     def how(self, image: Image) -> Asked:
         """Say how the user wants the bodies of an image to be found; its half-width in px."""

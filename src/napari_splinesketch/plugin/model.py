@@ -260,8 +260,9 @@ class State:
 
     def marked(self, keys: Collection[Key], **marks: Any) -> "State":
         """Note what the user says of some curves, or that they are to stay as they are."""
-        known = self.by_key
-        return self.with_records(*(replace(known[k], **marks) for k in known.keys() & keys))
+        known = [self.by_key[key] for key in self.by_key.keys() & keys]
+        fresh = [r for r in known if any(getattr(r, name) != m for name, m in marks.items())]
+        return self.with_records(*(replace(r, **marks) for r in fresh)) if fresh else self
 
     def without(self, keys: Collection[Key]) -> "State":
         """Delete some curves."""

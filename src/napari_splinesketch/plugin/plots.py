@@ -21,6 +21,7 @@ from napari_splinesketch.tracking import kymograph
 
 SMALL = "8pt"  # size of the text
 LEFT = 38  # room for the numbers at the left, px: both plots begin at the same place
+AROUND = 2, 9, 16, 9  # room at all sides, px: half of the last number stands beside its axis
 MARGIN = 12  # at both sides of a hint, at least, px
 AFTER_MS = 30  # without a change, until plots are drawn: that takes as much again
 LINE, ZERO, SHADE = "#2a8fd0", "#c86a00", "#2a8fd059"  # told apart in dark and light windows
@@ -89,6 +90,7 @@ class CurvePlots(pg.GraphicsLayoutWidget):
     def __init__(self, theme: str):
         super().__init__()
         self._plots = cast(Any, self.ci)
+        self._plots.setContentsMargins(*AROUND)
         cast(Any, self.sceneObj).contextMenu.clear()  # Export: as SVG it fails with Qt 6.11
         self._font = self.font()
         self._font.setPointSize(8)

@@ -362,6 +362,8 @@ class SettingsForm(qt.QWidget):
         self.half_width.setDecimals(DECIMALS)
         self.half_width.setKeyboardTracking(False)
         self.half_width.setSpecialValueText("auto")
+        # What was cleared is measured: Qt would bring back what was there before.
+        self.half_width.setCorrectionMode(qt.QDoubleSpinBox.CorrectionMode.CorrectToNearestValue)
         for each in (self.half_width, self.half_width.lineEdit()):
             each.installEventFilter(self)
         chosen = form(*(made for name, made in self.widgets.items() if name not in APART))

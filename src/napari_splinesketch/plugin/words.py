@@ -8,10 +8,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from napari_splinesketch import palette
+from napari_splinesketch.engine.constants import THINNEST_GIVEN_PX
 from napari_splinesketch.engine.types import Progress
 from napari_splinesketch.files import counted
 from napari_splinesketch.plugin import columns, model
 from napari_splinesketch.plugin.layers.looks import MARKS
+from napari_splinesketch.plugin.layers.space import Ruler
 from napari_splinesketch.tracking.events import DIVIDED, LEFT
 from napari_splinesketch.tracking.window import UNDECIDED
 
@@ -70,6 +72,16 @@ def nothing(plan: "Plan", refined: bool, layer: str) -> str:
         left_out = f"Left out: {counted(plan.deleted, 'line')} with a deleted or replaced curve."
         return f"{left_out} Select a line to refine it all the same."
     return "Every line here has its curve. Draw more, or refine again with ▾."
+
+
+def half_width(width: float | None, ruler: Ruler, size: tuple[int, int]) -> str:
+    """Say that no body of an image of (H, W) px can have the half-width, px, that was chosen."""
+    least, most = THINNEST_GIVEN_PX, max(*size, 4) / 2
+    if width is None or least <= width <= most:
+        return ""
+    given, low, high = (f"{each * ruler.pixel:g}" for each in (width, least, most))
+    allowed = f"give {low} to {high} {ruler.unit} in this image, or clear it to have it measured"
+    return f"Half-width, under Settings, is {given} {ruler.unit}: {allowed}."
 
 
 def to_do(plan: "Plan") -> str:

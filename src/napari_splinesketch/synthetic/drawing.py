@@ -59,6 +59,10 @@ class Look:
     debris: int = 0
     """Number of specks beside the bodies."""
 
+    def __post_init__(self) -> None:
+        if self.polarity not in ("bright", "dark"):
+            raise ValueError(f"polarity is {self.polarity!r}; choose 'bright' or 'dark'.")
+
     @classmethod
     def draw(cls, rng: np.random.Generator) -> "Look":
         """Draw a look at random, always without debris."""
@@ -167,7 +171,7 @@ def scene(
     Raises
     ------
     ValueError
-        If the bodies do not fit into the frame, or a setting is unknown.
+        If the bodies do not fit into the frame, or a setting or polarity is unknown.
     """
     unknown = set(look) - {field.name for field in fields(Look)}
     if unknown:
