@@ -31,7 +31,7 @@ from real_cases import (
 from napari_splinesketch.engine.find import finding, hollow
 
 PERMISSIVE = ("Apache-2.0", "BSD-", "CC0", "CC-BY-4.0", "MIT", "PDDL-1.0", "public domain")
-ROUNDED = ("lattice", "retina", "retina_below")
+ROUNDED = ("bacteria", "flower_stems", "joints", "petals", "ropes", "stick", "straws")
 """Images in which rounding moved many curves."""
 LINE = np.array([[50.0, 10.0], [50.0, 110.0]])
 
@@ -194,12 +194,12 @@ def test_about_a_third_is_held_out():
 
 @pytest.mark.slow
 def test_curves_hardly_depend_on_rounding(monkeypatch):
-    """With long steps at first, 38 % of these curves moved when the image was multiplied."""
-    three = [case for case in in_folders(FOLDERS[:1]) if case.name in ROUNDED]
-    monkeypatch.setattr(real_modes, "in_folders", lambda _: three)
+    """With long steps at first, two in five of these moved when the image was multiplied."""
+    some = [case for case in in_folders(FOLDERS[:1]) if case.name in ROUNDED]
+    monkeypatch.setattr(real_modes, "in_folders", lambda _: some)
     figures = real_modes.rounding(partial(real_modes._refine, preset="balanced"), 1)
-    assert figures["curves"] == 68
-    assert figures["moved over 0.1 px, %"] < 12
+    assert figures["curves"] == 92
+    assert figures["moved over 0.1 px, %"] < 20
 
 
 @pytest.mark.slow
