@@ -174,12 +174,3 @@ def test_white_noise_stays_white() -> None:
     raised = relief.raised(noise, LIGHT)[30:-30, 30:-30]
     assert raised.std() == pytest.approx(1, abs=0.05)
     assert abs((raised[1:] * raised[:-1]).mean()) < 0.05
-
-
-def test_a_light_from_nearly_there_raises_nearly_the_same() -> None:
-    """What rounding changes of the light is not to move curves."""
-    noise = np.random.default_rng(0).normal(size=(200, 200))
-    turn = np.deg2rad(0.05)
-    beside = np.cos(turn) * LIGHT + np.sin(turn) * LIGHT[::-1] * [1, -1]
-    apart = relief.raised(noise, beside) - relief.raised(noise, LIGHT)
-    assert apart.std() < 0.01

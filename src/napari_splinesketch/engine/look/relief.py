@@ -80,6 +80,6 @@ def raised(image: Float[Array, "H W"], towards: Float[Array, "2"]) -> Float[Arra
     along = fft.fftfreq(size[0])[:, None] * towards[0] + fft.rfftfreq(size[1]) * towards[1]
     # In place: images are large.
     turned = np.asarray(fft.rfft2(image - np.median(image), size))
-    turned *= np.clip(min(size) * along, -1, 1)  # not a step: no light is known so exactly
+    turned *= np.sign(along)
     turned *= 1j
     return np.asarray(fft.irfft2(turned, size, overwrite_x=True))[:rows, :columns]
