@@ -188,10 +188,9 @@ def test_textured_bodies_are_less_certain():
     assert sd["textured"] > 1.3 * sd["plain"]
 
 
-@pytest.mark.parametrize("seed", [82, 118])
-def test_clicks_never_make_a_curve_less_certain(monkeypatch, seed):
+def test_clicks_never_make_a_curve_less_certain(monkeypatch):
     """They turn this one, whose points slide along it by more than they may be off across it."""
-    made, rng = synthetic.scene(seed, bodies=1, length=70, bend=1.0), np.random.default_rng(seed)
+    made, rng = synthetic.scene(65, bodies=1, length=70, bend=1.0), np.random.default_rng(65)
     texture = ndimage.gaussian_filter(rng.normal(size=made.image.shape), 2.5)
     image = made.image + 0.6 * np.ptp(made.image) * texture / texture.std()
     (line,) = made.centrelines

@@ -31,8 +31,6 @@ GRID_PX = 2.0**-10
 
 # an image of whose second differences more than this share are 0 was drawn: it has no noise
 DRAWN = 0.9
-# share of an image's range below which they are 0, but for rounding (floating point):
-ROUNDING = 1e-6
 
 # === Look: ridges
 WIDTH_RATIO = 1.35  # ratio of one half-width of the ladder to the next
@@ -323,10 +321,9 @@ THINNEST_FIXED_PX = 0.5
 # === Fit: the solver
 HUBER = 4.0  # residuals beyond this many noise standard deviations count linearly (Huber 1964)
 SETTLED = 1.0  # a curve has arrived where a step gains or promises less χ² than this
-# damping falls by this factor after a good step and rises after a bad one (Marquardt 1963), ...
-DAMPING = 3.0
-DAMPING_FIRST = 1.0  # ... from this: with long steps at first, what rounding changes decides where
-DAMPING_LEAST = 0.03  # the curve ends; and not below this: the model is not linear over longer ones
+# damping falls by this factor after a good step and rises after a bad one (Marquardt 1963),
+DAMPING = 10.0
+DAMPING_LEAST = 1e-3  # but not below this: the model is not linear over longer steps
 MOVE_HW = 0.8  # longest move of a knot in one step ...
 MOVE_PX = 4.0  # ... and its least value
 SWEEPS = (5, 4, 4, 4, 4, 4)  # most evaluations of each curve in each sweep over all curves (speed)

@@ -36,8 +36,6 @@ class Bands(NamedTuple):
     prior_mean: Float[Array, "N D"]
     prior_precision: Float[Array, "N D D"]
     """Curvature of what the prior costs: its inverse covariance; 0 for none."""
-    held: Float[Array, "N D"]
-    """Diagonal of the part of it that holds knots where they are."""
     prior_slope: Float[Array, "N D"]
     """Half of the slope of what the prior costs at its mean: bodies resist bending."""
     lower: Float[Array, "N D"]
@@ -83,7 +81,7 @@ def start(theta: Float[Array, "N D"], pixels: int) -> Fit:
     """The state before the first visit."""
     n, d = theta.shape
     own, hessian = np.zeros((n, pixels), np.float32), np.zeros((n, d, d), np.float32)
-    nothing, damping = np.zeros(n, np.float32), np.full(n, const.DAMPING_FIRST, np.float32)
+    nothing, damping = np.zeros(n, np.float32), np.full(n, 1e-2, np.float32)
     return Fit(theta, own, nothing, hessian, damping, nothing.copy())
 
 
@@ -176,8 +174,7 @@ def _visit(one: Bands, level: Level, theta, damping, others, basis: Basis, limit
         damping = jnp.clip(
             damping * jnp.where(better, 1 / const.DAMPING, const.DAMPING), const.DAMPING_LEAST, 1e6
         )
-        # What holds knots costs what the step takes it for: the others are to move freely.
-        diagonal = damping * (jnp.diagonal(best.hessian) - one.held) + 1e-3
+        diagonal = damping * jnp.diagonal(best.hessian) + 1e-3
         factor = jax.scipy.linalg.cho_factor(best.hessian + diagonal * jnp.eye(d))
         move = jax.scipy.linalg.cho_solve(factor, best.gradient)
         longest = jnp.abs(move[: 2 * knots]).max()
