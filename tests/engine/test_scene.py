@@ -84,6 +84,14 @@ def test_noise_is_measured_where_most_of_the_image_is_cut_off_at_black():
     assert scene.pixel_noise(cut) == pytest.approx(0.3, rel=0.1)
 
 
+def test_noise_of_a_rounded_image_is_the_same_in_another_unit():
+    """In whole numbers most second differences are exactly 0; multiplied, they are so nearly."""
+    rows, cols = np.indices((96, 128))
+    white = np.random.default_rng(0).normal(0, 0.3, rows.shape)
+    image = np.round(2 * rows + 3 * cols + white)
+    assert scene.pixel_noise(3.7 * image) == pytest.approx(3.7 * scene.pixel_noise(image))
+
+
 @pytest.mark.parametrize("share", [0.0, 0.02])
 def test_a_drawn_image_has_no_noise(share):
     drawn = np.zeros((100, 100))

@@ -30,12 +30,16 @@ def checked_image(image: Real[Array, "H W"]) -> Real[Array, "H W"]:
     return image
 
 
+def half_widths(shape: Sequence[int]) -> tuple[float, float]:
+    """Least and largest half-width that bodies of an image of this shape may have, px."""
+    return const.THINNEST_GIVEN_PX, max(*shape, 4) / 2
+
+
 def check_options(shape: tuple[int, ...], polarity: Polarity, half_width: float | None) -> None:
     """Refuse an unknown polarity, and a half-width that no body of the image can have."""
     if polarity not in get_args(Polarity):
         raise ValueError(f"polarity is {polarity!r}; choose one of {get_args(Polarity)}.")
-    widest = max(*shape, 4) / 2
-    thinnest = const.THINNEST_GIVEN_PX
+    thinnest, widest = half_widths(shape)
     if half_width is not None and not (
         isinstance(half_width, RealNumber) and thinnest <= half_width <= widest
     ):

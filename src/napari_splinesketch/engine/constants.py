@@ -31,6 +31,8 @@ GRID_PX = 2.0**-10
 
 # an image of whose second differences more than this share are 0 was drawn: it has no noise
 DRAWN = 0.9
+# share of an image's range below which they are 0, but for rounding (floating point):
+ROUNDING = 1e-6
 
 # === Look: ridges
 WIDTH_RATIO = 1.35  # ratio of one half-width of the ladder to the next
@@ -324,6 +326,10 @@ SETTLED = 1.0  # a curve has arrived where a step gains or promises less χ² th
 # damping falls by this factor after a good step and rises after a bad one (Marquardt 1963),
 DAMPING = 10.0
 DAMPING_LEAST = 1e-3  # but not below this: the model is not linear over longer steps
+# that of knots is not below this share of χ² a pixel (Yamashita & Fukushima 2001): in long steps
+# towards what the model cannot draw, rounding would decide where curves end; ...
+DAMPING_MISFIT = 0.01
+DAMPING_MISFIT_MOST = 0.3  # ... at most this: a curve is to arrive within its evaluations
 MOVE_HW = 0.8  # longest move of a knot in one step ...
 MOVE_PX = 4.0  # ... and its least value
 SWEEPS = (5, 4, 4, 4, 4, 4)  # most evaluations of each curve in each sweep over all curves (speed)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from napari_splinesketch import palette
-from napari_splinesketch.engine.constants import THINNEST_GIVEN_PX
+from napari_splinesketch.engine.checks import half_widths
 from napari_splinesketch.engine.types import Progress
 from napari_splinesketch.files import counted
 from napari_splinesketch.plugin import columns, model
@@ -76,7 +76,7 @@ def nothing(plan: "Plan", refined: bool, layer: str) -> str:
 
 def half_width(width: float | None, ruler: Ruler, size: tuple[int, int]) -> str:
     """Say that no body of an image of (H, W) px can have the half-width, px, that was chosen."""
-    least, most = THINNEST_GIVEN_PX, max(*size, 4) / 2
+    least, most = half_widths(size)
     if width is None or least <= width <= most:
         return ""
     given, low, high = (f"{each * ruler.pixel:g}" for each in (width, least, most))

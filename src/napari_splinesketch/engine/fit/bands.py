@@ -147,17 +147,18 @@ def make_bands(
     shift[:, : 2 * k] = np.repeat(centre, k, axis=1)
     begin[:count] = theta - shift
     stiff = _stiffness(theta[:, : 2 * k].reshape(count, 2, k), half_width)
-    mean, slope = begin.copy(), np.zeros((n, d), np.float32)
+    mean, held, slope = begin.copy(), *np.zeros((2, n, d), np.float32)
     mean[:count, 2 * k :] = priors.mean
     precision = np.zeros((n, d, d), np.float32)
     slope[:count, : 2 * k] = (stiff @ begin[:count, : 2 * k, None])[..., 0]
     precision[:count, : 2 * k, : 2 * k] = hold + stiff
+    held[:count, : 2 * k] = np.diagonal(hold, axis1=1, axis2=2)
     precision[:count, 2 * k :, 2 * k :] = np.diag(priors.sd**-2.0)
     lower, upper = np.full((2, n, d), [[[-np.inf]], [[np.inf]]], np.float32)
     lower[:count, 2 * k :], upper[:count, 2 * k :] = priors.low, priors.high
     beside = _beside(pixels, n, m)
-    made = Bands(position, values, weight, beside, tiles, mean, precision, slope, lower, upper)
-    return made, shift, begin
+    priced = mean, precision, held, slope
+    return Bands(position, values, weight, beside, tiles, *priced, lower, upper), shift, begin
 
 
 def _beside(pixels: list[Int[Array, " m"]], n: int, m: int) -> Int[Array, "N M"]:

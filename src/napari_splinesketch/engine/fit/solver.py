@@ -36,6 +36,8 @@ class Bands(NamedTuple):
     prior_mean: Float[Array, "N D"]
     prior_precision: Float[Array, "N D D"]
     """Curvature of what the prior costs: its inverse covariance; 0 for none."""
+    held: Float[Array, "N D"]
+    """Diagonal of the part of it that holds knots where they are."""
     prior_slope: Float[Array, "N D"]
     """Half of the slope of what the prior costs at its mean: bodies resist bending."""
     lower: Float[Array, "N D"]
@@ -174,7 +176,12 @@ def _visit(one: Bands, level: Level, theta, damping, others, basis: Basis, limit
         damping = jnp.clip(
             damping * jnp.where(better, 1 / const.DAMPING, const.DAMPING), const.DAMPING_LEAST, 1e6
         )
-        diagonal = damping * jnp.diagonal(best.hessian) + 1e-3
+        misfit = const.DAMPING_MISFIT * best.cost / one.weight.sum()
+        least = jnp.where(
+            jnp.arange(d) < 2 * knots, jnp.minimum(misfit, const.DAMPING_MISFIT_MOST), 0.0
+        )
+        # What holds knots costs what the step takes it for: the others are to move freely.
+        diagonal = jnp.maximum(damping, least) * (jnp.diagonal(best.hessian) - one.held) + 1e-3
         factor = jax.scipy.linalg.cho_factor(best.hessian + diagonal * jnp.eye(d))
         move = jax.scipy.linalg.cho_solve(factor, best.gradient)
         longest = jnp.abs(move[: 2 * knots]).max()

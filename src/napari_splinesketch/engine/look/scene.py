@@ -180,8 +180,7 @@ def filled(image: Float[Array, "H W"], valid: Bool[Array, "H W"]) -> Float[Array
 def pixel_noise(image: Float[Array, "H W"]) -> float:
     """Standard deviation of white noise, from the median of diagonal second differences.
 
-    Where most of them are exactly 0, in images that are cut off at black or rounded, the others
-    tell.
+    Where most of them are 0, in images that are cut off at black or rounded, the others tell.
     """
     if min(image.shape) < 2:
         return float(np.std(np.diff(image.ravel())) / np.sqrt(2)) if image.size > 1 else 0.0
@@ -190,6 +189,7 @@ def pixel_noise(image: Float[Array, "H W"]) -> float:
     difference -= image[:-1, 1:]
     difference += image[:-1, :-1]
     np.abs(difference, out=difference)
-    if 0.5 < np.mean(difference == 0) < const.DRAWN:
-        difference = difference[difference > 0]
+    more = difference > const.ROUNDING * np.ptp(image)
+    if 1 - const.DRAWN < np.mean(more) < 0.5:
+        difference = difference[more]
     return float(1.4826 * median(difference.ravel()) / 2)
