@@ -348,6 +348,10 @@ OPTIONS = {
     "fixed points": ({"fixed": [SKETCH]}, "fixed has array.*give a list of curves"),
     "one curve": ({"fixed": as_drawn(SKETCH, "-")}, "fixed has Curve.*give a list of curves"),
     "a number": ({"fixed": 3}, "fixed has 3; give a list of curves"),
+    "half-widths of another curve": (
+        {"fixed": [replace(as_drawn(SKETCH, "-"), half_width=np.ones(7))]},
+        "points and 7 half-widths; give one half-width for each point",
+    ),
     "no function": ({"on_progress": 3}, "on_progress is 3; give a function"),
     "long seed": ({"seed": 2**40, "preset": "paper"}, "seed is 1099511627776; give a whole"),
     "broken seed": ({"seed": 1.5}, "seed is 1.5; give a whole"),

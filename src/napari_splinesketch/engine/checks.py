@@ -96,6 +96,11 @@ def checked_fixed(fixed: Sequence[Curve] | None) -> list[Curve]:
             raise ValueError(
                 f"fixed has {short(curve)}; give a list of curves, such as the curves of a result."
             )
+        if len(curve.points) != len(curve.half_width):
+            raise ValueError(
+                f"fixed has a curve of {len(curve.points)} points and {len(curve.half_width)} "
+                "half-widths; give one half-width for each point."
+            )
     return [curve for curve in curves if curve.status != "failed"]
 
 
