@@ -193,7 +193,6 @@ def test_about_a_third_is_held_out():
 
 
 @pytest.mark.slow
-@pytest.mark.xfail(reason="where a body is unlike the model, rounding decides where its curve ends")
 def test_curves_hardly_depend_on_rounding(monkeypatch):
     some = [case for case in in_folders(FOLDERS[:1]) if case.name in ROUNDED]
     monkeypatch.setattr(real_modes, "in_folders", lambda _: some)

@@ -45,6 +45,22 @@ def test_the_error_across_falls_with_the_noise():
     assert after[1] < 0.5 * after[0]
 
 
+@pytest.mark.parametrize("grain", [1.2, 2.5])
+def test_rounding_hardly_moves_curves_of_bodies_unlike_the_model(grain):
+    """Another unit is rounded otherwise; long steps towards texture made 0.1 to 2 px of that."""
+    far = []
+    for seed in range(8):
+        made, rng = synthetic.scene(seed, bodies=2, length=70, bend=1.0), np.random.default_rng(seed)
+        texture = gaussian_filter(rng.normal(size=made.image.shape), grain)
+        size = np.ptp(made.image)
+        on = made.image - made.image.min() + 0.3 * size
+        image = made.image + 0.5 * on * texture / texture.std()
+        sketches = [line[:: len(line) // 5] for line in made.centrelines]
+        for one, other in zip(*(refine(f * image, sketches).curves for f in (1, 3.7)), strict=True):
+            far += [np.linalg.norm(one.points - other.points, axis=1).max()]
+    assert np.mean(np.array(far) > 0.1) < 0.15
+
+
 @pytest.mark.slow
 def test_a_body_2000_px_long_that_waves_is_followed():
     x = np.linspace(0, 1, 4000)

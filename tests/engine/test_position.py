@@ -189,13 +189,7 @@ def test_textured_bodies_are_less_certain():
 
 
 def test_clicks_never_make_a_curve_less_certain(monkeypatch):
-    """They turn this one, whose points slide along it by more than they may be off across it."""
-    made, rng = synthetic.scene(65, bodies=1, length=70, bend=1.0), np.random.default_rng(65)
-    texture = ndimage.gaussian_filter(rng.normal(size=made.image.shape), 2.5)
-    image = made.image + 0.6 * np.ptp(made.image) * texture / texture.std()
-    (line,) = made.centrelines
-    clicked = line[:: len(line) // 5]
-    clicked = clicked + rng.normal(0, 1.0, clicked.shape)
+    """They turn these, whose points slide along them by more than they may be off across them."""
     fitted, errors = [], []
     with_sketch, normal_sd = position.with_sketch, position.normal_sd
 
@@ -204,13 +198,19 @@ def test_clicks_never_make_a_curve_less_certain(monkeypatch):
         return with_sketch(knots, known, *rest)
 
     def of(known, knots, u):
-        before, there = fitted[0]
+        before, there = fitted[-1]
         errors.append((normal_sd(known, knots, u), normal_sd(before, there, u)))
         return errors[-1][0]
 
     monkeypatch.setattr(position, "with_sketch", clicks)
     monkeypatch.setattr(position, "normal_sd", of)
-    refine(image, [clicked])
-    [(told, untold)] = errors
-    assert (told < untold + 1e-6).all()
-    assert told.max() < 0.7 * untold.max()
+    for seed in (65, 82, 118):
+        made, rng = synthetic.scene(seed, bodies=1, length=70, bend=1.0), np.random.default_rng(seed)
+        texture = ndimage.gaussian_filter(rng.normal(size=made.image.shape), 2.5)
+        image = made.image + 0.6 * np.ptp(made.image) * texture / texture.std()
+        (line,) = made.centrelines
+        clicked = line[:: len(line) // 5]
+        refine(image, [clicked + rng.normal(0, 1.0, clicked.shape)])
+    assert len(errors) == 3
+    assert all((told < untold + 1e-6).all() for told, untold in errors)
+    assert np.median([told.max() / untold.max() for told, untold in errors]) < 0.7

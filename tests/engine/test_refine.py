@@ -349,7 +349,7 @@ OPTIONS = {
     "one curve": ({"fixed": as_drawn(SKETCH, "-")}, "fixed has Curve.*give a list of curves"),
     "a number": ({"fixed": 3}, "fixed has 3; give a list of curves"),
     "half-widths of another curve": (
-        {"fixed": [replace(as_drawn(SKETCH, "-"), half_width=np.ones(7))]},
+        {"fixed": [dataclasses.replace(as_drawn(SKETCH, "-"), half_width=np.ones(7))]},
         "points and 7 half-widths; give one half-width for each point",
     ),
     "no function": ({"on_progress": 3}, "on_progress is 3; give a function"),

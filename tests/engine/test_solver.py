@@ -30,8 +30,8 @@ def of(priors: bands.Priors, rows: slice) -> bands.Priors:
 class Problem:
     """Two bodies, crossing unless something else is said, begun beside where they are."""
 
-    def __init__(self, **how):
-        self.frame = synthetic.scene(4, bodies=2, shape=SHAPE, **{"length": 80, **how})
+    def __init__(self, seed=4, **how):
+        self.frame = synthetic.scene(seed, bodies=2, shape=SHAPE, **{"length": 80, **how})
         self.seen = seen_of(self.frame)
         beside = [(perturbations.displace(c, 2, 40), 3.0, 1.0) for c in self.frame.centrelines]
         self.theta, self.priors = bands.begin(beside, KNOTS, self.seen)
@@ -180,15 +180,20 @@ def test_known_bodies_stay_where_they_are_until_one_beside_them_moves(problem):
         assert all(np.isfinite(body.covariance).all() for body in bodies)
 
 
-def test_bodies_beside_are_seen_and_stay_as_they_are(problem):
-    both = problem.fitted()
-    alone = of(problem.priors, slice(1))
-    given = problem.seen, problem.theta[:1], alone, SWEEPS
-    (seen,), (blind,) = (fitting.fit_curves(*given, beside=rest) for rest in (both[1:], ()))
-    away = [metrics.average_dtw(one.points(), both[0].points()) for one in (seen, blind)]
-    assert away[0] < 0.2 < 0.4 < away[1]
-    assert seen.cost == pytest.approx(both[0].cost, rel=0.01)
-    assert blind.cost > 1.3 * seen.cost
+def test_bodies_beside_are_seen_and_stay_as_they_are():
+    """How near a curve comes is another number in each scene, so several are looked at."""
+    apart = []
+    for seed in range(8):
+        problem = Problem(seed)
+        both = problem.fitted()
+        given = problem.seen, problem.theta[:1], of(problem.priors, slice(1)), SWEEPS
+        (seen,), (blind,) = (fitting.fit_curves(*given, beside=rest) for rest in (both[1:], ()))
+        apart += [[metrics.average_dtw(b.points(), both[0].points()) for b in (seen, blind)]]
+        assert seen.cost == pytest.approx(both[0].cost, rel=0.01)
+        assert blind.cost > 1.3 * seen.cost
+    assert np.max(apart, axis=0)[0] < 0.3
+    seen, blind = np.median(apart, axis=0)
+    assert seen < 0.2 < 0.4 < blind
 
 
 def _knots(theta):
