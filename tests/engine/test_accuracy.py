@@ -50,7 +50,8 @@ def test_rounding_hardly_moves_curves_of_bodies_unlike_the_model(grain):
     """Another unit is rounded otherwise; long steps towards texture made 0.1 to 2 px of that."""
     far = []
     for seed in range(8):
-        made, rng = synthetic.scene(seed, bodies=2, length=70, bend=1.0), np.random.default_rng(seed)
+        made = synthetic.scene(seed, bodies=2, length=70, bend=1.0)
+        rng = np.random.default_rng(seed)
         texture = gaussian_filter(rng.normal(size=made.image.shape), grain)
         size = np.ptp(made.image)
         on = made.image - made.image.min() + 0.3 * size

@@ -205,7 +205,8 @@ def test_clicks_never_make_a_curve_less_certain(monkeypatch):
     monkeypatch.setattr(position, "with_sketch", clicks)
     monkeypatch.setattr(position, "normal_sd", of)
     for seed in (65, 82, 118):
-        made, rng = synthetic.scene(seed, bodies=1, length=70, bend=1.0), np.random.default_rng(seed)
+        made = synthetic.scene(seed, bodies=1, length=70, bend=1.0)
+        rng = np.random.default_rng(seed)
         texture = ndimage.gaussian_filter(rng.normal(size=made.image.shape), 2.5)
         image = made.image + 0.6 * np.ptp(made.image) * texture / texture.std()
         (line,) = made.centrelines
