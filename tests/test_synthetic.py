@@ -214,6 +214,12 @@ def test_compression_loses_less_with_more_components():
     assert losses[-1] < 1e-6
 
 
+@pytest.mark.parametrize("components", [-1, 201])
+def test_impossible_numbers_of_components_are_refused(components: int):
+    with pytest.raises(ValueError, match=f"components is {components}; give a whole number"):
+        synthetic.compress(CURVE, components)
+
+
 def test_two_components_follow_any_direction():
     straight = np.linspace([10.0, 20.0], [70.0, 90.0], 100)
     assert metrics.average_dtw(synthetic.compress(straight, 2), straight) < 1.5

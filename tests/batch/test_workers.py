@@ -44,6 +44,16 @@ class Lazy(Local):
         future.set_result(task * task)
 
 
+def test_windows_gets_no_more_processes_than_it_can_wait_for(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    with monkeypatch.context() as patched:
+        patched.setattr("os.name", "nt")
+        room = Local(100).room
+    assert room == AHEAD * 61
+    assert Local(100).room >= AHEAD * 61
+
+
 def test_no_more_tasks_exist_than_there_is_room_for() -> None:
     workers, taken, given = Lazy(), 0, 0
 

@@ -289,7 +289,10 @@ def test_no_client_is_made_of_an_address_that_cannot_be(
         assert "no scheduler answers there" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("more", [["--jobs", "0"], ["--jobs", "2", "--scheduler", "tcp://a:1"]])
+@pytest.mark.parametrize(
+    "more",
+    [["--jobs", "0"], ["--jobs", "9" * 20], ["--jobs", "2", "--scheduler", "tcp://a:1"]],
+)
 def test_wrong_numbers_of_workers_are_argparse_s_errors(more: list[str]) -> None:
     with pytest.raises(SystemExit) as caught:
         main([*COMMAND, "-o", "labels.csv", *more])

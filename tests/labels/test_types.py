@@ -91,6 +91,10 @@ NONSENSE: dict[str, tuple[Callable[[], object], str]] = {
     ),
     "negative sd": (lambda: Label(0, 0, POINTS[:2], TWO, -TWO, "good"), "sd is negative"),
     "status": (lambda: Label(0, 0, POINTS[:2], TWO, TWO, "fine"), "one of good, check"),  # pyright: ignore[reportArgumentType]
+    "locked": (
+        lambda: Label(0, 0, POINTS[:2], TWO, TWO, "good", locked="no"),  # pyright: ignore[reportArgumentType]
+        "locked is 'no'; expected True or False",
+    ),
     "frame": (lambda: Label.from_sketch(POINTS, frame=-1), "frame is -1"),
     "twice": (lambda: Labels((Label.from_sketch(POINTS),) * 2), "occurs twice in frame 0"),
     "scale": (lambda: Labels((), (0.0, 1.0)), r"\(y, x\) size of a pixel, from 1e-30 to 1e\+30"),

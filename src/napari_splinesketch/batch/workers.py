@@ -17,6 +17,8 @@ from napari_splinesketch.files import INSTALL
 
 AHEAD = 2
 """Tasks in progress for each process: one running, one waiting."""
+MOST_ON_WINDOWS = 61
+"""Python cannot wait for more processes there."""
 ALONE = 2
 """A task during which so many workers died is tried once more, with no other beside it."""
 ONE_EACH = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
@@ -90,8 +92,8 @@ class Local:
     """What a future raises where its worker died, rather than the work itself."""
 
     def __init__(self, jobs: int) -> None:
-        self._jobs = jobs
-        self.room = AHEAD * jobs
+        self._jobs = min(jobs, MOST_ON_WINDOWS) if os.name == "nt" else jobs
+        self.room = AHEAD * self._jobs
 
     def __enter__(self) -> Self:
         """Be ready to start processes; they start with the first task."""

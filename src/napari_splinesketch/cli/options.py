@@ -14,7 +14,7 @@ Allowed = tuple[str, Callable[[float], bool]]
 """Which numbers are allowed: in words, and a function that tells."""
 POSITIVE: Allowed = "a number above 0", lambda number: 0 < number < math.inf
 SHARE: Allowed = "a number from 0 to 1", lambda number: 0 <= number <= 1
-COUNT: Allowed = "a number from 1", lambda number: number >= 1
+COUNT: Allowed = "a number from 1 to 1000", lambda number: 1 <= number <= 1000
 
 
 def opt(

@@ -308,6 +308,8 @@ def _problem(label: Label) -> str | None:
     for name, allowed in (("status", STATUSES), ("review", REVIEWS)):
         if (word := getattr(label, name)) not in allowed:
             return f"{name} is {word!r}; expected one of {', '.join(allowed)}"
+    if not isinstance(label.locked, bool | np.bool_):
+        return f"locked is {label.locked!r}; expected True or False"
     return None
 
 

@@ -119,8 +119,11 @@ def compress(curve: Points, components: int = 2) -> Points:
 
     The components are those of a fixed population of generated curves, each moved to its
     centroid and divided by its length; rotation is left in, so that the first two are nearly
-    straight lines along the two axes.
+    straight lines along the two axes. Raises ValueError for a number of them from which no curve
+    can be made: fewer than 0, or more than 200.
     """
+    if not 0 <= components <= 2 * POINTS:
+        raise ValueError(f"components is {components}; give a whole number from 0 to {2 * POINTS}.")
     even = resample(curve)
     centre = even.mean(axis=0)
     length = np.linalg.norm(np.diff(even, axis=0), axis=1).sum()
