@@ -1,6 +1,6 @@
 """What each mechanism of the engine is for: the same bodies refined without it.
 
-    python tests/benchmarks/ablation.py [--without NAME ...] [--frames 2] [--jobs N] [--page]
+    python tests/benchmarks/ablation.py [--without NAME ...] [--frames 8] [--jobs N] [--page]
 
 Every row runs in a process of its own, since compiled programs hold what they were compiled with.
 Frames of two and three generated bodies, one trial of each stability case, generated images of
@@ -44,8 +44,8 @@ from napari_splinesketch.metrics import average_dtw
 
 PATH = FOLDER / "ablation.csv"
 PAGE = FOLDER.parent / "how_it_works.md"
-CELLS = [Cell(n, kind, strength) for n in (2, 3)
-         for kind, strength in (("rotation", 20.0), ("pca", 2.0), ("chord", 0.0))]  # fmt: skip
+SKETCHES = ("rotation", 20.0), ("pca", 2.0), ("chord", 0.0), ("axis", 0.0)
+CELLS = [Cell(n, kind, strength) for n in (2, 3) for kind, strength in SKETCHES]
 UNSEEN = 40_000
 """Frames and trials from this number on were never used for anything else."""
 
@@ -250,7 +250,7 @@ def main() -> None:
     """Measure the rows asked for, each in its own process, and write the page."""
     parser = argparse.ArgumentParser("python tests/benchmarks/ablation.py", description=__doc__)
     parser.add_argument("--without", nargs="+", default=list(MECHANISMS), choices=list(MECHANISMS))
-    parser.add_argument("--frames", type=int, default=2, help="in each of the six cells")
+    parser.add_argument("--frames", type=int, default=8, help="in each of the eight cells")
     parser.add_argument("--jobs", type=int, default=1, help="processes")
     parser.add_argument("--page", action="store_true", help="only write the table into the page")
     options = parser.parse_args()
