@@ -9,7 +9,7 @@ from napari_splinesketch import Curve, refine
 from napari_splinesketch.tracking import Body, View
 from napari_splinesketch.tracking.bodies import INFERRED, Given, Tracked, curve_inferred
 from napari_splinesketch.tracking.drift import ShownPlaces, doubts, misleads
-from napari_splinesketch.tracking.follow import after
+from napari_splinesketch.tracking.follow import after, follow
 from napari_splinesketch.tracking.motion import Predicted
 from napari_splinesketch.tracking.search import Search
 
@@ -69,6 +69,32 @@ def test_a_curve_is_longer_than_its_body_by_what_lengths_have_varied() -> None:
     wild = replace(known, lengths=(LENGTH - 3, LENGTH, LENGTH + 3) * 3)
     assert not wild.exceeded(longer)
     assert replace(known, lengths=(*known.lengths, 80.0)).length_sd < 1
+
+
+def test_a_jump_is_no_doubt_where_the_prediction_may_be_off_by_as_much() -> None:
+    jumped = curve(moved(at(6), 20, 0), HALF_WIDTH)
+    assert doubts(BODY, jumped, at(6)) == ["it jumped by 20 px"]
+    assert doubts(BODY, jumped, at(6), astray=19.0) and not doubts(BODY, jumped, at(6), astray=21.0)
+
+
+@pytest.mark.parametrize("aside", [0.0, 20.0])
+def test_a_body_is_known_again_wherever_it_comes_out(aside: float) -> None:
+    """For fourteen frames something hides it; meanwhile it goes where no prediction has it."""
+    start, rng = curve(at(0), HALF_WIDTH), np.random.default_rng(0)
+    rows, columns = np.indices((90, 130))
+
+    def read(frame: int, lines: object) -> View:
+        pixels = 0.05 * rng.standard_normal(rows.shape)
+        if not 6 <= frame < 20:
+            line = moved(at(frame, 2, LENGTH - 2), aside * (frame >= 20), 0)
+            apart = np.abs(rows - line[0, 0])
+            along = np.clip(columns, line[0, 1], line[-1, 1])
+            pixels += 1 / (1 + np.exp(2 * (np.hypot(apart, columns - along) - HALF_WIDTH)))
+        return View(pixels)
+
+    *_, last = follow(range(1, 27), [Body(1, ((0, start),))], read)
+    assert not last.drifting
+    assert np.abs(last.by_id[1].points - moved(at(26), aside, 0)).max() < 1.5
 
 
 def uncertain(line: np.ndarray) -> Curve:

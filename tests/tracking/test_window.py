@@ -87,11 +87,11 @@ def test_a_gap_is_bridged_although_others_have_waited_too_long() -> None:
         assert curve_inferred(result.by_id[3]) == (result.frame in gone)
 
 
-def test_a_body_that_does_not_come_back_is_lost_after_twenty_frames() -> None:
+def test_a_body_that_does_not_come_back_is_lost_after_forty_frames() -> None:
     half = BRIGHT.copy()
     half[:25] = 0
-    results = run(FakeRefine((0, 0)), range(1, 24), read=lambda frame, lines: View(half))
-    assert [sorted(r.lost) for r in results].index([7]) == 20
+    results = run(FakeRefine((0, 0)), range(1, 44), read=lambda frame, lines: View(half))
+    assert [sorted(r.lost) for r in results].index([7]) == 40
     assert all(r.ids == (3,) for r in results)
 
 

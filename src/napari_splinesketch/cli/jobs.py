@@ -207,7 +207,7 @@ class TrackJob(SketchedJob):
     Refine the sketches of the first frame that has any, and follow the bodies to the last frame,
     each under its number. Sketches on later frames are refined there: a new number adds a body, a
     known one corrects it. A body whose curve is not trusted (its length or width jumps, or it lies
-    on another body) is reported as "drift"; one that is not found is "missing", and after twenty
+    on another body) is reported as "drift"; one that is not found is "missing", and after forty
     frames (two with --smooth off) "lost". IMAGE and SKETCHES are anything that `refine` takes.
     Each frame needs the one before it, so one process does all of them; several films can be
     tracked side by side.

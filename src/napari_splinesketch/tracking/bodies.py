@@ -167,6 +167,8 @@ class Tracked:
     refinement: Refinement | None = None
     view: View | None = None
     """`refinement` and `view`: what the engine said, of what; None where nothing was refined."""
+    contrast: float | None = None
+    """Usual contrast of the bodies by then; None where it is not known."""
     error: str = ""
     """Why the frame could not be read or refined; empty otherwise."""
     entered: tuple[Line, ...] = ()

@@ -52,8 +52,13 @@ AROUND = np.argwhere(np.ones((3, 3))) - 1
 """A place and those beside it."""
 
 
-def doubts(body: Body, curve: Curve, expected: Line, smooth: bool = True) -> list[str]:
-    """Say what looks unlike the body so far, in words for the user."""
+def doubts(
+    body: Body, curve: Curve, expected: Line, astray: float = 0.0, smooth: bool = True
+) -> list[str]:
+    """Say what looks unlike the body so far, in words for the user.
+
+    `astray` is how far off where it is expected may be, px.
+    """
     found = []
     usual = body.length
     if (smooth and body.exceeded(curve)) or not usual / LONGER < curve.length < usual * LONGER:
@@ -64,7 +69,7 @@ def doubts(body: Body, curve: Curve, expected: Line, smooth: bool = True) -> lis
     if folds(body, curve):
         found.append("it bends more sharply than before")
     far = distance(curve.points, expected)
-    if far > JUMP * usual:
+    if far > max(JUMP * usual, astray):
         found.append(f"it jumped by {far:.0f} px")
     return found
 

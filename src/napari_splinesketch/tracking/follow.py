@@ -12,7 +12,14 @@ import numpy as np
 
 from napari_splinesketch.engine.checks import checked_image
 from napari_splinesketch.engine.settings import PRESETS, PresetName
-from napari_splinesketch.engine.types import Curve, OnProgress, Progress, Refinement, says_stop
+from napari_splinesketch.engine.types import (
+    Curve,
+    OnProgress,
+    Polarity,
+    Progress,
+    Refinement,
+    says_stop,
+)
 from napari_splinesketch.files import failure_of
 from napari_splinesketch.tracking.bodies import Body, Given, Line, Read, Refine, Tracked, View
 from napari_splinesketch.tracking.drift import ShownPlaces, distance, misleads, near_others
@@ -21,7 +28,7 @@ from napari_splinesketch.tracking.search import AT_ONCE, Search
 from napari_splinesketch.tracking.window import Window
 
 NOTHING = "nothing like it is there"
-PATIENCE = 20
+PATIENCE = 40
 """Frames for which a body that cannot be trusted is looked for, with the frames around them."""
 OUTSIDE = 0.5
 """Share of a body beyond the image's border with which it has left."""
@@ -153,6 +160,8 @@ class _Step:
     pictures: bool
     contrast: float | None
     """Usual contrast of the frames before."""
+    polarity: Polarity = "auto"
+    """That of the last frame that has shown bodies."""
     parts: Mapping[int, Parts] = field(default_factory=dict)
     """Those of the last frame."""
     entering: Entering = field(default_factory=Entering)
@@ -171,8 +180,8 @@ class _Step:
             view = read if isinstance(read, View) else View(read)
             view = replace(view, pixels=checked_image(view.pixels))
             inside = [body for body in wanted if _inside(view, predicted[body.id].line)]
-            options = {"contrast": self.contrast, "smooth": self.smooth}
-            search = self.search(view, predicted, given.curves, report=report, **options)
+            usual = {"contrast": self.contrast, "polarity": self.polarity, "smooth": self.smooth}
+            search = self.search(view, predicted, given.curves, report=report, **usual)
             found = search(inside) if inside else {}
         except CancelledError:
             raise
@@ -180,20 +189,21 @@ class _Step:
             return Tracked(frame, given=kept, error=failure_of(error))
         if search.refinement and any(one.trusted for one in found.values()):
             self.contrast = abs(search.refinement.model.contrast)
+            self.polarity = search.refinement.model.polarity
         gone = {body.id: LEFT for body in wanted if body not in inside}
         judged = self._judged(frame, inside, search, gone)
         here = (*given.curves.values(), *judged.curves)
         refinement = search.refinement
-        polarity = refinement.model.polarity if refinement else "auto"
         if refinement and not self.pictures:
             none = np.empty((0, 0))
             refinement = Refinement((), none, none, refinement.model, refinement.seconds)
         return replace(
             judged,
             given=kept,
-            entered=self.entering(view, polarity, bodies, here) if self.smooth else (),
+            entered=self.entering(view, self.polarity, bodies, here) if self.smooth else (),
             refinement=refinement,
             view=view,
+            contrast=self.contrast,
         )
 
     def _judged(

@@ -18,7 +18,7 @@ from napari_splinesketch.grids import slices
 from napari_splinesketch.tracking import drift
 from napari_splinesketch.tracking.bodies import INFERRED, Body, Line, Refine, View, curve_inferred
 from napari_splinesketch.tracking.events import Parts, parts
-from napari_splinesketch.tracking.motion import Predicted
+from napari_splinesketch.tracking.motion import AGREE, Predicted
 
 LOCAL = Settings(traced=False)
 """Without a search through the traces: the nearest body is the one."""
@@ -43,8 +43,8 @@ AT_ONCE = 2
 """Frames in which a body is missed after which only what stands out in the image is tried again:
 other attempts hardly ever find it."""
 REACH, LENGTH = 0.6, 0.5
-"""How far a body may have gone that is looked for among suggestions, as a share of its length; and
-what a px of difference in length costs, in px of distance."""
+"""How far a body may have gone that is looked for among suggestions, as a share of its length, or
+as far as its prediction may be off; and what a px of difference in length costs, in px."""
 TAKEN = 2.0
 """A suggestion that lies so near to a placed curve is taken, px."""
 
@@ -75,9 +75,9 @@ class Search:
     """Places bodies in one frame, those in doubt again and otherwise.
 
     Where each body is predicted, and the curves that stay as they are, are given by number; the
-    usual contrast, and where bodies have been shown, are those of the frames before. With `smooth`,
-    a body whose place is known well is fitted there without a search, and parts of bodies that
-    divide are looked for.
+    usual contrast, the polarity, and where bodies have been shown, are those of the frames before.
+    With `smooth`, a body whose place is known well is fitted there without a search, and parts of
+    bodies that divide are looked for.
     """
 
     view: View
@@ -87,6 +87,7 @@ class Search:
     preset: PresetName
     report: OnProgress = field(default=lambda progress: None)
     contrast: float | None = None
+    polarity: Polarity = "auto"
     smooth: bool = True
     shown: drift.ShownPlaces = field(default_factory=drift.ShownPlaces)
     found: dict[int, Found] = field(default_factory=dict, init=False)
@@ -125,6 +126,11 @@ class Search:
         """Whether it is known where a body is, or a part of it that is not hidden."""
         near = PARTLY if curve_inferred(body.seen[-1][1]) else SURE
         return self.predicted[body.id].sd < near * body.half_width
+
+    def _astray(self, body: Body) -> float:
+        """How far off the prediction of a body may be, px; 0 where nothing tells it."""
+        sd = self.predicted[body.id].sd
+        return AGREE * sd if np.isfinite(sd) else 0.0
 
     def held(self, bodies: Sequence[Body]) -> dict[int, Found]:
         """Fit bodies to where they are predicted, with how surely, without any search."""
@@ -179,12 +185,12 @@ class Search:
         """What the image itself suggests for bodies in doubt."""
         from napari_splinesketch.engine.find.suggest import suggest
 
-        polarity: Polarity = self.refinement.model.polarity if self.refinement else "auto"
         to_image = self.view.place.to_image
-        lines = [to_image(line) for line in suggest(self.view.pixels, polarity=polarity)]
+        lines = [to_image(line) for line in suggest(self.view.pixels, polarity=self.polarity)]
         placed = [curve.points for curve in self.given.values()]
         placed += [one.curve.points for one in self.found.values() if one.trusted]
-        return place(bodies, self._expected, lines, placed)
+        reach = [max(REACH * body.length, self._astray(body)) for body in bodies]
+        return place(bodies, self._expected, lines, placed, reach)
 
     def _attempt(
         self,
@@ -225,7 +231,8 @@ class Search:
         held = isinstance(preset, Settings) and preset.hold is not None
         kept = False
         for i, (body, curve) in enumerate(zip(bodies, curves, strict=True)):
-            said = drift.doubts(body, curve, self._expected[body.id], self.smooth)
+            far = self._astray(body)
+            said = drift.doubts(body, curve, self._expected[body.id], far, self.smooth)
             there = float(seen(curve.points).mean())
             rest = [everyone[j] for j in beside[i]]
             if self.smooth:
@@ -289,8 +296,12 @@ def place(
     expected: Mapping[int, Line],
     suggestions: Sequence[Line],
     placed: Sequence[Line],
+    reach: Sequence[float],
 ) -> dict[int, Line]:
-    """Give bodies in doubt the suggestions that none of those placed has, the nearest to each."""
+    """Give bodies in doubt the suggestions that none of those placed has, the nearest to each.
+
+    `reach` is how far each may be from where it is expected, px.
+    """
     free = [x for x in suggestions if not any(drift.mostly_on(x, on, TAKEN) for on in placed)]
     pairs = list(product(bodies, free))
     lines = [drift.turned(line, expected[body.id]) for body, line in pairs]
@@ -299,7 +310,7 @@ def place(
         for (body, _), line in zip(pairs, lines, strict=True)
     ]
     cost = np.array(far).reshape(len(bodies), len(free))
-    reach = REACH * np.array([body.length for body in bodies]).reshape(-1, 1)
-    rows, columns = linear_sum_assignment(np.minimum(cost, reach))
+    most = np.reshape(reach, (-1, 1))
+    rows, columns = linear_sum_assignment(np.minimum(cost, most))
     found = zip(rows.tolist(), columns.tolist(), strict=True)
-    return {bodies[i].id: lines[i * len(free) + k] for i, k in found if cost[i, k] < reach[i, 0]}
+    return {bodies[i].id: lines[i * len(free) + k] for i, k in found if cost[i, k] < reach[i]}

@@ -203,9 +203,8 @@ class Window:
         ):
             return there
         if view and result.refinement:
-            contrast = abs(result.refinement.model.contrast)
             part, where = view.around([predicted.line]), {body.id: predicted}
-            search = self._search(part, where, others, contrast=contrast)
+            search = self._search(part, where, others, contrast=result.contrast)
             for one in search.held([body]).values():
                 likely = predicted.agrees(one.curve.points, body.half_width)
                 if likely and not (one.empty or folds(body, one.curve)):
