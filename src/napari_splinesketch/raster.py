@@ -1,6 +1,6 @@
 """Which pixels bodies cover."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from itertools import product
 
 import numpy as np
@@ -74,12 +74,20 @@ def label_image(
     `tell` is called now and then with the share that is drawn; what it raises ends the drawing.
     """
     image = np.zeros(shape, dtype)
+    for share in labelling(bodies, image):
+        tell(share)
+    return image
+
+
+def labelling(bodies: Sequence[Body], image: Integer[Array, "H W"]) -> Iterator[float]:
+    """Draw bodies, as above, into an image of zeros, one at each step; give the share drawn."""
+    shape = image.shape
     height = max(1, STRIP // shape[1])
     reach = [(p[:, 0].min() - w.max(), p[:, 0].max() + w.max()) for _, p, w in bodies]
     # Not known where a half-width is not, and then nothing is drawn.
     low, high = np.array(reach).reshape(-1, 2).T
     for top in range(0, shape[0], height):
-        tell(top / shape[0])
+        yield top / shape[0]
         strip = image[top : top + height]
         deepest = np.full(strip.shape, -1, np.float32)
         for number in np.flatnonzero((low < top + height) & (high > top - 1)).tolist():
@@ -91,7 +99,7 @@ def label_image(
             ours = (depth >= 0) & (depth > deepest[place])
             strip[place][ours] = value
             deepest[place][ours] = depth[ours]
-    return image
+            yield top / shape[0]
 
 
 def _depth(

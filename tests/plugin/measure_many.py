@@ -147,6 +147,9 @@ def ours(viewer: Any, dock: SplinesketchDock, count: int, act: Act) -> None:
     act("on to the next", lambda: controller.actions.run("next"))
     act("delete a curve", controller.delete, shown(count))
     act("undo", lambda: click(dock.undo), shown(count + 1))
+    act("masks", dock.eyes.entries["masks"].trigger, lambda: not controller.drawing.runs)
+    act("delete a curve, with masks", controller.delete, lambda: not controller.drawing.runs)
+    act("hide the masks", dock.eyes.entries["masks"].trigger)
     act("zoom", lambda: setattr(viewer.scene.camera, "zoom", 5))
     act("hide the curves", lambda: setattr(curves, "visible", False))
 

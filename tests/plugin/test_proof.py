@@ -1,12 +1,15 @@
 """Layers on request: they lie on the image, say what they should, and cost nothing before."""
 
+from collections import Counter
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 from napari.layers import Image, Labels, Vectors
+from qtpy.QtCore import QTimer
 
+from napari_splinesketch import raster
 from napari_splinesketch.engine import spline
 from napari_splinesketch.plugin.dock import SplinesketchDock
 from napari_splinesketch.plugin.files import labels_of_layer
@@ -36,7 +39,7 @@ def film(viewer: Any) -> Any:
 
 def ask(dock: SplinesketchDock, proof: Any) -> None:
     dock.eyes.entries[proof].trigger()
-    QTest.qWait(20)
+    until(lambda: not dock.controller.drawing.runs, 5)
 
 
 def assert_lies_on(layer: Any, image: Any) -> None:
@@ -96,6 +99,48 @@ def test_masks_and_saved_layers_of_a_long_winding_curve_are_the_curve_s(
     (label,) = labels_of_layer(data, meta).labels
     assert label.status == "good"
     np.testing.assert_array_equal(label.points, fake.changes[0]["points"])
+
+
+def test_masks_are_drawn_a_few_bodies_at_a_time_and_shown_when_they_are_done(
+    viewer: Any, dock: SplinesketchDock, fake: FakeEngine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    turns, drawn, one, timer, added = [0], Counter[int](), raster.rasterise, QTimer(), []
+    timer.timeout.connect(lambda: turns.append(0))
+    lines = [np.array([[row, 10.0], [row + 9, 60]]) for row in np.arange(0, 90, 3)]
+    viewer.add_image(np.zeros((99, 80), np.float32), name="cells")
+    viewer.add_shapes(lines, shape_type="line", name="cells sketches")
+    refine(dock)
+    monkeypatch.setattr(pictures, "AT_ONCE", 0.0)
+    monkeypatch.setattr(raster, "rasterise", lambda *body: drawn.update([len(turns)]) or one(*body))
+    timer.start(0)
+    dock.eyes.entries["masks"].trigger()
+    assert "cells masks" not in viewer.layers
+    assert dock.eyes.entries["masks"].isChecked()
+    viewer.layers.events.inserted.connect(lambda event: added.append(event.value.visible))
+    until(lambda: not dock.controller.drawing.runs)
+    masks = layer_named(viewer, "cells masks")
+    assert masks.visible
+    assert added == [False], "it is added hidden, and shown in another turn"
+
+    def expected() -> np.ndarray:
+        bodies = [(r.id, r.curve.points, r.curve.half_width) for r in dock.controller.records()]
+        return raster.label_image(bodies, (99, 80), np.int32)
+
+    most = max(drawn.values())
+    np.testing.assert_array_equal(masks.data, expected())
+    drawn.clear()
+    dock.controller.delete((0, 5))
+    until(lambda: not dock.controller.drawing.runs)
+    assert max(most, *drawn.values()) <= 2, "also after an edit"
+    np.testing.assert_array_equal(masks.data, expected())
+    assert 5 not in np.asarray(masks.data)
+    dock.eyes.entries["masks"].trigger()
+    assert not masks.visible
+    viewer.layers.remove(masks)
+    for _ in range(2):  # asked for, and no longer
+        dock.eyes.entries["masks"].trigger()
+    QTest.qWait(50)
+    assert "cells masks" not in viewer.layers
 
 
 def test_proofs_follow_while_they_are_in_view(

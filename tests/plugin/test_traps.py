@@ -269,6 +269,7 @@ def test_results_follow_an_image_that_is_placed_elsewhere(
     refine(dock)
     for entry in dock.eyes.entries.values():
         entry.trigger()
+    until(lambda: not dock.controller.drawing.runs, 20)
     own = [layer for layer in viewer.layers if layer not in (image, sketches)]
     assert len(own) == len(OVER) + 1 + len(ASKED)
     for name, value in placed.items():

@@ -17,6 +17,7 @@ from napari_splinesketch.plugin import choices, films, words
 from napari_splinesketch.plugin.commands import Commands, Place
 from napari_splinesketch.plugin.controller import Controller
 from napari_splinesketch.plugin.layers.pictures import ASKED, MAKERS
+from napari_splinesketch.plugin.layers.results import Work
 from napari_splinesketch.plugin.layers.space import ruler_of
 
 WIDTH = 250  # least of the dock, px: with its own font, napari gives it no more
@@ -315,16 +316,28 @@ class EyeBox(qt.QWidget):
 
     def show_state(self) -> None:
         """Show which layers are visible."""
-        work = self._controller.work
+        work, runs = self._controller.work, self._controller.drawing.runs
         for role, eye in self._eyes.items():
             layer = work.layer(role) if work else None
             eye.setEnabled(layer is not None or role in ASKED)
-            eye.setChecked(layer is not None and layer.visible)
+            eye.setChecked((work, role) in runs or (layer is not None and layer.visible))
 
     def _ask(self, role: str) -> None:
-        work = self._controller.work
-        if work is not None and not work.ask(role, self._eyes[role].isChecked()):
-            self.show_state()
+        drawing, work = self._controller.drawing, self._controller.work
+        if work is None:
+            return
+        layer, on = work.layer(role), self._eyes[role].isChecked()
+        if on and role in ASKED:
+            drawing.start((work, role), work.ask(role), partial(self._on_asked, work, role))
+        else:
+            drawing.runs.pop((work, role), None)
+            if layer is not None:
+                layer.visible = on
+        self.show_state()
+
+    def _on_asked(self, work: Work, role: str) -> None:
+        self.show_state()
+        if work is self._controller.work and work.layer(role) is None:
             self._controller.say(MAKERS[role].nothing)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from time import perf_counter
 from typing import TYPE_CHECKING, Any, NamedTuple
 from weakref import WeakValueDictionary
 
@@ -21,7 +22,7 @@ from napari_splinesketch.plugin.columns import colours_of
 from napari_splinesketch.plugin.layers import looks, space
 from napari_splinesketch.plugin.layers.drawn import line_style
 from napari_splinesketch.plugin.model import Line, Record, by_frame
-from napari_splinesketch.raster import label_image
+from napari_splinesketch.raster import Body, label_image, labelling
 
 if TYPE_CHECKING:
     from napari_splinesketch.plugin.layers.results import Work
@@ -30,6 +31,7 @@ ROLE, OWNER = "napari-splinesketch", "napari-splinesketch work"  # keys of a lay
 SAMPLE = "napari-splinesketch sample"  # the prints of lines that come with a sample
 OWNERS: WeakValueDictionary[str, Work] = WeakValueDictionary()  # by what metadata say
 STEP_MS = 30  # between two steps of drawing results: time for the window to paint and to answer
+AT_ONCE = 0.04  # of drawing, s: about what one step takes of it
 FIRST_MS = 100  # before the first one: the change is seen in the dock, table and plots meanwhile
 STYLES: dict[type[Layer], dict[str, Any]] = {
     # napari takes a picture three or four columns broad for colours.
@@ -59,6 +61,7 @@ class Made(NamedTuple):
     always: Mapping[str, Any] = {}
     look: Mapping[str, Any] = {}
     grid: grids.Grid | None = None  # of its pixels, where they are not the image's
+    steps: Iterator[None] = iter(())  # to be taken before the data are read
 
 
 @dataclass(frozen=True)
@@ -117,17 +120,19 @@ class Slot:
         return layer
 
     def update(self) -> Iterator[None]:
-        """Bring it in step with what is known; takes a step where that is not what it shows."""
+        """Bring it in step with what is known; takes steps where that is not what it shows."""
         layer, source = self.layer, self.maker.source(self.work)
         if source == self._source and (layer is not None or not self.maker.title):
             return
         made = self.maker.make(self.work, source)
+        yield from made.steps if made else ()
+        if self.layer is not layer:  # the user has removed it meanwhile
+            return
         if made is None:
             self.remove()
         elif layer is None:
             self._grid = made.grid
-            how = {**made.always, "visible": self.maker.title > "", **made.look}
-            self.make(made.data, **how)
+            self.make(made.data, **{**made.always, "visible": False, **made.look})
         else:
             if self.maker.kind is Points:  # napari keeps the numbers of points that are gone
                 layer.selected_data = set()
@@ -186,6 +191,15 @@ class Drawing:
             self._failed(error)
         else:
             QTimer.singleShot(STEP_MS, partial(self._go_on, key))
+
+
+def _some_at_once(steps: Iterator[object]) -> Iterator[None]:
+    end = perf_counter() + AT_ONCE
+    for _ in steps:
+        if perf_counter() > end:
+            yield
+            end = perf_counter() + AT_ONCE
+    yield
 
 
 def _refuse(layer: Layer) -> None:
@@ -302,14 +316,17 @@ def _moving(work: Work, _: object) -> Made | None:
 
 def _masks(work: Work, _: object) -> Made:
     size, records = space.size_of(work.image), by_frame(work.records)
+    here, plane = space.current_frame(work.viewer, work.image), np.zeros(size, np.int32)
+
+    def bodies(frame: int) -> list[Body]:
+        curves = [(record.id, fine(record.curve)) for record in records.get(frame, ())]
+        return [(number, curve.points, curve.half_width) for number, curve in curves]
 
     def mask(frame: int) -> grids.Picture:
-        here = [(r.id, fine(r.curve)) for r in records.get(frame, ())]
-        bodies = [(number, curve.points, curve.half_width) for number, curve in here]
-        return label_image(bodies, size, np.int32)
+        return plane if frame == here else label_image(bodies(frame), size, np.int32)
 
     planes = grids.Planes((*space.frame_shape(work.image), *size), np.int32, mask)
-    return Made(planes)
+    return Made(planes, steps=_some_at_once(labelling(bodies(here), plane)))
 
 
 MAKERS: dict[str, Maker] = {

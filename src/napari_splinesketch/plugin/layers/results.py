@@ -176,14 +176,15 @@ class Work:
         for slot in self.slots.values():
             slot.remove()
 
-    def ask(self, role: str, on: bool) -> bool:
-        """Show or hide a layer, made now where it has to be; False if there is nothing to show."""
-        if (layer := self.layer(role)) is not None:
-            layer.visible = on
-        elif on and self.image in self.viewer.layers:
-            next(self.slots[role].update(), None)
-        self.changes.shown.emit()
-        return self.layer(role) is not None or not on
+    def ask(self, role: str) -> Iterator[None]:
+        """Show a layer that the user asks for, if there is something to show, a step at a time."""
+        slot = self.slots[role]
+        for step in slot.update() if not slot.unfit else ():
+            yield step
+            if self.image not in self.viewer.layers:
+                return
+        if slot.layer is not None:
+            slot.layer.visible = True
 
     def show(self) -> Iterator[object]:
         """Bring the layers in step with what is known by then, a little at each step.
@@ -335,7 +336,7 @@ class Work:
         for mark in (self.layer("selected"), self.layer("marks")):
             if event.source is self.layer("curves") and mark is not None:
                 mark.visible = event.source.visible
-        self._update("marks", *ASKED)
+        self._update("marks", *[role for role in ASKED if event.source is self.layer(role)])
         self.changes.shown.emit()
 
     def _select_all(self) -> None:
