@@ -18,6 +18,7 @@ import tifffile
 from napari.components import ViewerModel
 from napari.layers import Image, Shapes
 from napari.layers._source import Source
+from napari.utils.key_bindings import coerce_keybinding
 
 from napari_splinesketch.files import BusyError
 from napari_splinesketch.plugin import engine, saver
@@ -248,6 +249,42 @@ def test_lines_removed_while_the_dock_is_open_are_offered_as_they_were(home: Pat
         made.resume()
         assert len(made.controller.records()) == 2
         assert not made.saver.offers()
+    assert counts(home) == [(2, 2)]
+
+
+def test_results_of_lines_that_were_removed_stay_and_are_taken_up_again(home: Path) -> None:
+    with bench() as made:
+        made.begin()
+        controller, layers = made.controller, made.viewer.layers
+        until(lambda: not controller.drawing.runs, SOON)
+        curves: Any = layers["sketches curves"]
+        made.sketches(LINES[:1], name="others")
+        made.refine()
+        controller.select([(0, 1)])
+        layers.remove(layers["sketches"])
+        curves.keymap[coerce_keybinding("Delete")](curves)
+        assert len(controller.records()) == 1, "it means no curve of the others"
+        there = set(layers)
+        made.resume()
+        until(lambda: not controller.drawing.runs, SOON)
+        assert set(layers) == {*there, layers["sketches"]}, "nothing is there twice"
+        assert controller.steps.done == ""
+        controller.delete((0, 2))
+        until(lambda: curves.nshapes == 1, SOON)
+        layers.remove(curves)
+        until(lambda: not controller.records(), SOON)
+    assert sorted(counts(home)) == [(1, 1), (2, 0)]
+
+
+def test_results_of_removed_lines_that_went_too_are_made_again(home: Path) -> None:
+    with bench() as made:
+        made.begin()
+        until(lambda: not made.controller.drawing.runs, SOON)
+        for name in ("sketches", "sketches curves"):
+            made.viewer.layers.remove(made.viewer.layers[name])
+        made.resume()
+        until(lambda: not made.controller.drawing.runs, SOON)
+        assert made.viewer.layers["sketches curves"].nshapes == 2
     assert counts(home) == [(2, 2)]
 
 

@@ -24,7 +24,7 @@ from napari_splinesketch.plugin import engine, files, films, knots, words
 from napari_splinesketch.plugin.commands import RUNNING, Commands, pick, worst_first
 from napari_splinesketch.plugin.keeper import Keeper, Kind
 from napari_splinesketch.plugin.layers import drawn, pictures, results, space
-from napari_splinesketch.plugin.model import History, Key, Record, Refined, key_of
+from napari_splinesketch.plugin.model import Changes, History, Key, Record, Refined, key_of
 from napari_splinesketch.plugin.plan import Plan, Scope, make_plan
 
 SAVING = "Saving"
@@ -338,6 +338,7 @@ class Controller(Keeper):
         there = set(self.viewer.layers)
         for work in [work for work in self.works if not {work.image, work.sketches} <= there]:
             self.works.remove(work)
+            work.changes = Changes()  # a key in a layer that stays means no other curves
             vars(work.sketches)[results.WORKS].remove(work)
             half = self.drawing.runs.pop(work, None)  # what is half shown goes with it
             if half or work.image not in there:

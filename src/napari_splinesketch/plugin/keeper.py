@@ -81,7 +81,7 @@ class Keeper:
         known: Any = (work for layer in viewer.layers for work in vars(layer).get(WORKS, ()))
         self.works: list[Work] = [work for work in known if work.image in viewer.layers]
         for work in self.works:
-            self._attend(work)
+            self.attend(work)
             if not work.deleted():  # that dock may have been closed while it drew the curves
                 self.show(work)
         layers, groups = viewer.layers.events, choices.groups().values()
@@ -138,7 +138,7 @@ class Keeper:
             if work.image is image and work.sketches is sketches:
                 return work
         self.works.append(Work(image, sketches, self.viewer))
-        self._attend(self.works[-1])
+        self.attend(self.works[-1])
         return self.works[-1]
 
     @cached_property
@@ -333,10 +333,11 @@ class Keeper:
         if chosen.keys != before.keys:
             self.say(self.actions.rebind(chosen.keys))
         for work in self.works:
-            self._attend(work)
+            self.attend(work)
         self.changes.settings.emit()
 
-    def _attend(self, work: Work) -> None:
+    def attend(self, work: Work) -> None:
+        """Hear of what happens to a work, and let its colours follow the settings."""
         work.changes = self.changes
         before, work.look = work.look, (self.settings.colour_by, ruler_of(work.image))
         if work.look != before and work.slots["curves"].made is not None:

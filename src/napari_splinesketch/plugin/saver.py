@@ -198,6 +198,11 @@ class Saver:
             yield from add_shapes(layer, data, [s.kind for s in drawn], **style)
             if image not in controller.viewer.layers:
                 raise ValueError("the image was removed")
+            left = [w for w in pictures.OWNERS.values() if w.image is image]
+            for work in [w for w in left if folder.path and w.folder.path == folder.path]:
+                work.begin(layer)  # of lines that were removed: its results are there
+                controller.works.append(work)
+                controller.attend(work)
             controller.viewer.layers.append(layer)
             controller.image, controller.sketches = image, layer
             if session.state.records or session.state.deleted:

@@ -114,11 +114,7 @@ class Work:
     def __init__(self, image: Image, sketches: Shapes, viewer: ViewerModel):
         self.image, self.sketches, self.viewer = image, sketches, viewer
         self.changes, self.folder = model.Changes(), sessions.Folder()  # where it is saved
-        self.selection: tuple[model.Key, ...] = ()  # some of them may be gone
-        self.history: model.History[model.State] = model.History(model.State(), model.bytes_beside)
         self.look: columns.Look = ("status", space.Ruler())  # what the colours of curves say
-        self.moving: list[tuple[int, model.Line]] = []
-        self.suggested: dict[model.Marked, np.ndarray] = {}  # as they were drawn
         self.slots = {role: Slot(role, maker, self) for role, maker in MAKERS.items()}
         self.slots["curves"] = self._lines = CurveLines("curves", MAKERS["curves"], self)
         self.behind = False  # not all is shown: napari cannot add flat shapes to a view in 3-D
@@ -127,8 +123,19 @@ class Work:
         placed = [getattr(image.events, name) for name in choices.PLACED]
         for moved in (viewer.scene.camera.events, viewer.dims.events.current_step, *placed):
             moved.connect(self._on_move)
+        self.begin(sketches)
+
+    def begin(self, sketches: Shapes) -> None:
+        """Know nothing yet; layers that show results of sketches that are gone are taken over."""
+        self.sketches = sketches
+        self.selection: tuple[model.Key, ...] = ()  # some of them may be gone
+        self.history: model.History[model.State] = model.History(model.State(), model.bytes_beside)
+        self.moving: list[tuple[int, model.Line]] = []
+        self.suggested: dict[model.Marked, np.ndarray] = {}  # as they were drawn
+        for slot in self.slots.values():
+            slot.made = slot.layer
         vars(sketches).setdefault(WORKS, []).append(self)
-        vars(sketches).setdefault(ORIGIN, origin_of(image))
+        vars(sketches).setdefault(ORIGIN, origin_of(self.image))
 
     @property
     def begun(self) -> bool:
