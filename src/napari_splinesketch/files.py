@@ -2,6 +2,7 @@
 
 import errno
 import hashlib
+import logging
 import os
 import shutil
 import socket
@@ -10,6 +11,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from traceback import extract_tb
 from uuid import uuid4
 
 from numpy.linalg import LinAlgError
@@ -203,6 +205,22 @@ def reason_of(error: Exception) -> str:
     if not isinstance(error, OSError) or not error.strerror:
         return " ".join(str(error).split())
     return f"{error.filename}: {error.strerror}" if error.filename else error.strerror
+
+
+def logged(what: str, error: Exception) -> bool:
+    """Log an error, unless it says why something cannot be: the system's, or one that we raise.
+
+    All others are faults of the program.
+    """
+    here = Path(__file__).parent
+    last = extract_tb(error.__traceback__, limit=-1)
+    ours = any(
+        here in Path(at.filename).parents and f"{at.line}".startswith("raise") for at in last
+    )
+    if ours or isinstance(error, OSError):
+        return False
+    logging.getLogger(__name__).error(what, exc_info=error)
+    return True
 
 
 def failure_of(error: Exception) -> str:

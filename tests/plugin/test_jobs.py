@@ -4,11 +4,13 @@ import gc
 import logging
 import threading
 import weakref
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from napari_splinesketch.engine.checks import checked_image
 from napari_splinesketch.engine.types import OnProgress, Progress
 from napari_splinesketch.plugin.engine import Job
 
@@ -59,6 +61,28 @@ def test_every_error_is_told(qapp: Any, error: Exception, caplog: pytest.LogCapt
         until(lambda: said)
     assert said == [("failed", f"{type(error).__name__}: {error}")]
     assert "Traceback" in caplog.text, "the details are in the log"
+
+
+@pytest.mark.parametrize(
+    ("work", "said"),
+    [
+        (lambda report: checked_image(np.full((9, 9), np.nan)), "image has no finite pixel; give"),
+        (lambda report: Path("no such file").read_bytes(), "no such file: No such file"),
+    ],
+    ids=["ours", "the system's"],
+)
+def test_what_is_refused_is_told_in_words_alone(
+    qapp: Any, work: Any, said: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    job = Job(work)
+    heard_of = heard(job)
+    with caplog.at_level(logging.DEBUG, "napari_splinesketch"):
+        job.start()
+        until(lambda: heard_of)
+    ((kind, text),) = heard_of
+    assert kind == "failed"
+    assert text.startswith(said)
+    assert not caplog.records
 
 
 def test_a_cancelled_job_is_told_to_stop_and_never_heard_of_again(qapp: Any) -> None:

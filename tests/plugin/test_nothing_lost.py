@@ -284,7 +284,8 @@ def test_results_of_removed_lines_that_went_too_are_made_again(home: Path) -> No
             made.viewer.layers.remove(made.viewer.layers[name])
         made.resume()
         until(lambda: not made.controller.drawing.runs, SOON)
-        assert made.viewer.layers["sketches curves"].nshapes == 2
+        curves: Any = made.viewer.layers["sketches curves"]
+        assert curves.nshapes == 2
     assert counts(home) == [(2, 2)]
 
 

@@ -1,6 +1,5 @@
 """What would be refined, what runs, what came of it."""
 
-import logging
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -19,7 +18,7 @@ from qtpy.QtGui import QGuiApplication
 from superqt.utils import qdebounced
 
 from napari_splinesketch.engine.types import OnProgress, Progress
-from napari_splinesketch.files import counted, same_file
+from napari_splinesketch.files import counted, logged, reason_of, same_file
 from napari_splinesketch.plugin import engine, files, films, knots, words
 from napari_splinesketch.plugin.commands import RUNNING, Commands, pick, worst_first
 from napari_splinesketch.plugin.keeper import Keeper, Kind
@@ -28,7 +27,6 @@ from napari_splinesketch.plugin.model import Changes, History, Key, Record, Refi
 from napari_splinesketch.plugin.plan import Plan, Scope, make_plan
 
 SAVING = "Saving"
-_log = logging.getLogger(__name__)
 KNOWN_AFTER = 2.0  # seconds after which the time that is left is worth a guess
 
 
@@ -146,9 +144,8 @@ class Controller(Keeper):
                 self._on_not_shown(error)
 
         def failed(message: str) -> None:
-            said = f"{name} failed. {cancelled()} {message}"
-            unsaved = f"Not saved: {message.partition(': ')[2]}"
-            self.finish(unsaved if name == SAVING else said, "failed")
+            said = f"{name} failed. {cancelled()} {message[:1].upper()}{message[1:]}"
+            self.finish(f"Not saved: {message}" if name == SAVING else said, "failed")
 
         self.progress = Progress("starting", 0.0)
         self._began, self.left = perf_counter(), None
@@ -289,8 +286,9 @@ class Controller(Keeper):
         self.changes.progress.emit()
 
     def _on_not_shown(self, error: Exception) -> None:
-        _log.error("The results could not be shown", exc_info=error)
-        self.finish(f"The results could not be shown. {error}", "failed")
+        ends = logged("The results could not be shown", error) or not self.job
+        said = f"The results could not be shown. {reason_of(error)}"
+        (self.finish if ends else self.tell)(said, "failed")
 
     def _on_refined(
         self, work: results.Work, plan: Plan, known: Mapping[Key, Record], refined: Refined

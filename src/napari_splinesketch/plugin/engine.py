@@ -1,7 +1,6 @@
 """The plugin's only door to the engine, and the threads that go through it to JAX."""
 
 import atexit
-import logging
 import threading
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
@@ -13,7 +12,7 @@ from qtpy.QtCore import QObject, QTimer, Signal  # pyright: ignore[reportPrivate
 
 from napari_splinesketch.engine.settings import MARGIN, Asked, PresetName
 from napari_splinesketch.engine.types import Curve, OnProgress, Progress, Refinement
-from napari_splinesketch.files import reason_of
+from napari_splinesketch.files import logged, reason_of
 from napari_splinesketch.grids import Grid, Patch
 from napari_splinesketch.plugin import model
 from napari_splinesketch.plugin.layers.space import Block
@@ -26,7 +25,6 @@ if TYPE_CHECKING:
 POLL_MS = 50  # how often the window looks after a thread: at most 20 updates a second
 PATIENCE = 20.0  # s that leaving Python waits for a thread: ending amid a compilation would crash
 
-_log = logging.getLogger(__name__)
 _warm = threading.Event()
 
 
@@ -134,9 +132,8 @@ class _Worker(threading.Thread):
         try:
             self.outcome = "done", self._work.pop()(self._report)
         except Exception as error:
-            if not self.cancelled:
-                _log.exception("Work beside the window failed")
-            self.outcome = "failed", f"{type(error).__name__}: {reason_of(error)}"
+            fault = not self.cancelled and logged("Work beside the window failed", error)
+            self.outcome = "failed", f"{type(error).__name__}: " * fault + reason_of(error)
 
     def _report(self, progress: Progress) -> bool:
         self.news = progress

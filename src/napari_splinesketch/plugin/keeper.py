@@ -15,16 +15,10 @@ from napari.layers.base import ActionType
 from napari_splinesketch.engine.settings import Asked
 from napari_splinesketch.engine.types import Progress
 from napari_splinesketch.plugin import choices, files, words
+from napari_splinesketch.plugin.layers import space
 from napari_splinesketch.plugin.layers.drawn import Drawn, drawing, drawn_in
 from napari_splinesketch.plugin.layers.pictures import Drawing, is_result
 from napari_splinesketch.plugin.layers.results import ORIGIN, WORKS, Work, origin_of
-from napari_splinesketch.plugin.layers.space import (
-    current_frame,
-    plane_problem,
-    ruler_of,
-    size_of,
-    times_of,
-)
 from napari_splinesketch.plugin.model import Changes, History, Key, Record, Review, State, key_of
 
 if TYPE_CHECKING:
@@ -144,7 +138,7 @@ class Keeper:
     @cached_property
     def frame(self) -> int:
         """Index of the frame in view."""
-        return current_frame(self.viewer, self.image) if self.image else 0
+        return space.current_frame(self.viewer, self.image) if self.image else 0
 
     @cached_property
     def drawn(self) -> Drawn:
@@ -191,7 +185,7 @@ class Keeper:
         seen = self.viewer.dims.ndisplay > 2 or any(r.frame == self.frame for r in chosen)
         if seen or not chosen:
             return ""
-        frame = times_of(self.image).place(chosen[0].frame)
+        frame = space.times_of(self.image).place(chosen[0].frame)
         return f"Curve {chosen[0].id} is in frame {frame}: go there first."
 
     def say(self, text: str) -> None:
@@ -269,15 +263,15 @@ class Keeper:
     @property
     def problem(self) -> str:
         """Why nothing can be refined or looked for in the chosen image now, or nothing."""
-        image, problem = self.image, plane_problem(self.viewer, self.image)
+        image, problem = self.image, space.plane_problem(self.viewer, self.image)
         if problem or image is None:
             return problem
-        ruler = ruler_of(image)
-        return words.half_width(self.settings.half_width_in(ruler), ruler, size_of(image))
+        ruler = space.ruler_of(image)
+        return words.half_width(self.settings.half_width_in(ruler), ruler, space.size_of(image))
 
     def how(self, image: Image) -> Asked:
         """Say how the user wants the bodies of an image to be found; its half-width in px."""
-        return replace(self.settings, half_width=self.settings.half_width_in(ruler_of(image)))
+        return replace(self.settings, half_width=self.settings.half_width_in(space.ruler_of(image)))
 
     def choose(self, **chosen: object) -> None:
         """Take settings that the user chose, and keep them for other sessions.
@@ -339,7 +333,7 @@ class Keeper:
     def attend(self, work: Work) -> None:
         """Hear of what happens to a work, and let its colours follow the settings."""
         work.changes = self.changes
-        before, work.look = work.look, (self.settings.colour_by, ruler_of(work.image))
+        before, work.look = work.look, (self.settings.colour_by, space.ruler_of(work.image))
         if work.look != before and work.slots["curves"].made is not None:
             self.show(work)
 

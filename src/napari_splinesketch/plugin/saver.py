@@ -1,7 +1,6 @@
 """Saves work while it is done, finds what was saved before, and brings it back."""
 
 import hashlib
-import logging
 import os
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -18,7 +17,7 @@ from napari.layers import Image
 from platformdirs import user_data_path
 from superqt.utils import qthrottled
 
-from napari_splinesketch.files import LONGEST_NAME, owned, reason_of
+from napari_splinesketch.files import LONGEST_NAME, logged, owned, reason_of
 from napari_splinesketch.labels import LabelsError
 from napari_splinesketch.plugin import engine, sessions, words
 from napari_splinesketch.plugin.choices import PLACED, listen
@@ -35,7 +34,6 @@ AGAIN_MS = 5000  # after something that failed, until it is tried again
 LOOKED_AT = 2**20  # most pixels of a frame that tell one image from another
 OLD = ".old"  # added to the name of a folder that is not offered again
 LETTERS, DIGITS = 50, 12  # of a layer's name and of the checksum, in a folder's name
-_log = logging.getLogger(__name__)
 
 
 @dataclass(eq=False)
@@ -95,14 +93,15 @@ class Home:
             if self.pixels is not image[2]:
                 self._look(*image)
         except Exception as error:
-            self.unsaved = f"{image[0]} could not be read, and work on it is not saved: {error}."
+            why = reason_of(error)
+            self.unsaved = f"{image[0]} could not be read, and work on it is not saved: {why}."
             return self
         problems: dict[str, None] = {}
         for folder, session in orders:
             try:
                 folder.write(replace(session, image=self.about), self.place)
             except Exception as error:
-                _log.warning("The work could not be saved", exc_info=True)
+                logged("The work could not be saved", error)
                 problems[f"The work could not be saved: {reason_of(error)}."] = None
         self.unsaved = " ".join(problems)
         return self
@@ -208,7 +207,7 @@ class Saver:
             if session.state.records or session.state.deleted:
                 controller.apply("", session.state)
         except Exception as error:
-            _log.exception("Saved work could not be brought back")
+            logged("Saved work could not be brought back", error)
             problems.append(f"{session.layer}: {type(error).__name__}: {error}.")
             folder.release()
         else:

@@ -185,11 +185,9 @@ class Work:
 
     def ask(self, role: str) -> Iterator[None]:
         """Show a layer that the user asks for, if there is something to show, a step at a time."""
-        slot = self.slots[role]
-        for step in slot.update() if not slot.unfit else ():
-            yield step
-            if self.image not in self.viewer.layers:
-                return
+        steps = iter(()) if (slot := self.slots[role]).unfit else slot.update()
+        while self.image in self.viewer.layers and next(steps, steps) is not steps:
+            yield
         if slot.layer is not None:
             slot.layer.visible = True
 
@@ -219,10 +217,6 @@ class Work:
             if (shown or always) and self.image in self.viewer.layers:
                 yield from slot.update()
 
-    def _update(self, *roles: str) -> None:
-        for _ in self._follow(*roles):
-            pass
-
     def move(self, frame: int = 0, lines: Sequence[model.Line] = ()) -> None:
         """Show lines of a frame that are on their way, px; none once they have arrived."""
         slot = self.slots["preview"]
@@ -239,7 +233,7 @@ class Work:
         """Select curves."""
         if keys != self.selection:
             self.selection = keys
-            self._update("selected")
+            list(self._follow("selected"))
             self.changes.selection.emit()
 
     def _add(self) -> Iterator[None]:
@@ -335,7 +329,7 @@ class Work:
         moved, self._moved = self._moved, False
         if moved and [slot for slot in self.slots.values() if slot.place()]:
             self.changes.curves.emit()  # for their lengths, in its unit
-        self._update("marks", "selected")
+        list(self._follow("marks", "selected"))
         self._lines.broaden()
 
     def on_visible(self, event: Any) -> None:
@@ -343,7 +337,7 @@ class Work:
         for mark in (self.layer("selected"), self.layer("marks")):
             if event.source is self.layer("curves") and mark is not None:
                 mark.visible = event.source.visible
-        self._update("marks", *[role for role in ASKED if event.source is self.layer(role)])
+        list(self._follow("marks", *[role for role in ASKED if event.source is self.layer(role)]))
         self.changes.shown.emit()
 
     def _select_all(self) -> None:
