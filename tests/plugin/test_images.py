@@ -1,14 +1,18 @@
 """Images of every kind go in, and the results lie on them."""
 
+from pathlib import Path
 from typing import Any
 
 import dask.array as da
 import numpy as np
 import pytest
+from dask.delayed import delayed
 from napari.utils.notifications import notification_manager
 
 from napari_splinesketch.plugin.dock import SplinesketchDock
 from napari_splinesketch.plugin.layers import space
+from napari_splinesketch.plugin.layers.space import ruler_of
+from napari_splinesketch.plugin.plots import profiles
 
 from .fakes import FakeEngine
 from .hand import click, outlines, refine, refine_all, until
@@ -112,3 +116,45 @@ def test_channels_in_the_last_axis_are_columns_like_others(
     refine(dock)
     assert "could not be shown" not in dock.controller.notice.text
     assert viewer.layers["channels reconstruction"].data.shape[-1] == 4
+
+
+def test_a_frame_that_cannot_be_read_any_more_is_named(
+    viewer: Any,
+    dock: SplinesketchDock,
+    fake: FakeEngine,
+    tmp_path: Path,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    pixels = np.random.default_rng(0).random((40, 60), np.float32)
+    frames = []
+    for number in range(3):
+        np.save(tmp_path / f"{number}.npy", pixels)
+        read = delayed(np.load)(tmp_path / f"{number}.npy")
+        frames.append(da.from_delayed(read, pixels.shape, pixels.dtype))
+    viewer.add_image(da.stack(frames), name="film", cache=False)
+    viewer.add_shapes([[[1, 10, 10], [1, 20, 50]]], shape_type="line", name="film sketches")
+    viewer.dims.set_point(0, 1)
+    refine(dock)
+    for path in tmp_path.iterdir():
+        path.unlink()
+    controller, said = dock.controller, list[str]()
+    for act in (
+        lambda: controller.refine("all"),
+        controller.suggestions.suggest,
+        dock.eyes.entries["residual"].trigger,
+        lambda: controller.actions.run("next_frame"),
+    ):
+        act()
+        until(lambda: not (controller.progress or controller.drawing.runs), 20)
+        said.append(controller.notice.text)
+    assert ["Frame 1 of 'film' could not be read" in text for text in said[:3]] == [True] * 3
+    assert "Frame 2 of 'film' could not be read" in said[3]
+    assert all("its file is there and whole" in text for text in said)
+    assert not any("Errno" in text for text in said)
+    assert controller.frame == 1, "napari could not show another one"
+    ((record,), work) = controller.records(), controller.work
+    assert work is not None
+    plot, why = profiles(work, record, ruler_of(work.image))
+    assert not isinstance(plot, str)
+    assert str(why).startswith("Frame 1 of 'film' could not be read")
+    assert not [each for each in caplog.records if each.exc_info]

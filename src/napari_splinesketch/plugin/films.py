@@ -254,7 +254,8 @@ class Tracking:
         """Take over the rest, and say what came of it; go to the frame where it is a single one."""
         self.take()
         controller, work = self.controller, self.work
-        single = len(self.frames) == 1 and self.corrected is None
+        bad = any(one.error for one in self._taken.values())  # napari may fail over it, too
+        single = len(self.frames) == 1 and self.corrected is None and not bad
         # Not away from a line that is being drawn: napari fails over it, or puts it over there.
         if work is controller.work and single and not controller.unfinished:
             numbers = {number for _, number in controller.selection}

@@ -13,6 +13,7 @@ from superqt.utils import qdebounced
 
 from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.grids import Along
+from napari_splinesketch.images.frames import ImageError
 from napari_splinesketch.plugin.columns import RAMP, half_widths
 from napari_splinesketch.plugin.layers import results, space
 from napari_splinesketch.plugin.layers.pictures import residual_along
@@ -57,8 +58,11 @@ def profiles(work: results.Work, record: Record, ruler: space.Ruler) -> tuple[Pl
     curve, patch = record.curve, work.state.patches.get(record.frame)
     sd = np.nan_to_num(ruler.across(curve, curve.sd), posinf=0.0)
     unit, along, width = ruler.unit, ruler.along(curve.points), half_widths(curve, ruler)
-    rest = residual_along(work.image, patch, record) if patch else None
     plot = Plot(f"Half-width ± sd ({unit})", unit, along, width, False, sd)
+    try:
+        rest = residual_along(work.image, patch, record) if patch else None
+    except ImageError as error:
+        return plot, str(error)
     return plot, NO_MODEL if rest is None else Plot(RESIDUAL, unit, along, rest)
 
 

@@ -18,9 +18,10 @@ from napari.utils.transforms import CompositeAffine
 
 from napari_splinesketch.engine.spline import arc_length
 from napari_splinesketch.engine.types import Curve
+from napari_splinesketch.files import reason_of
 from napari_splinesketch.geometry import width_growth
 from napari_splinesketch.grids import Grid, slices
-from napari_splinesketch.images.frames import LUMINANCE
+from napari_splinesketch.images.frames import LUMINANCE, ImageError
 from napari_splinesketch.labels.types import unit_of
 from napari_splinesketch.plugin.model import Line, lengths_of
 
@@ -295,6 +296,7 @@ class Block:
     level: Any
     key: tuple[int | slice, ...]
     rgb: bool
+    name: str
 
     @property
     def whole(self) -> bool:
@@ -304,7 +306,12 @@ class Block:
 
     def read(self) -> Real[np.ndarray, "H W"]:
         """Read the pixels, a colour image as luminance; the array is the caller's own."""
-        pixels = np.array(self.level[self.key])
+        try:
+            pixels = np.array(self.level[self.key])
+        except Exception as error:  # image libraries raise anything on a broken file
+            why = f"{self.name} could not be read ({reason_of(error) or type(error).__name__})"
+            remedy = "see that its file is there and whole, or open the image again"
+            raise ImageError(f"{why}; {remedy}.") from error
         return pixels[..., :3].astype(np.float32) @ LUMINANCE if self.rgb else pixels
 
 
@@ -348,4 +355,5 @@ def _block(image: Image, frame: int, number: int, start: Corner, stop: Corner) -
     leading = np.array(frame_shape(image), dtype=int)
     index = np.array(np.unravel_index(frame, leading), dtype=int)
     index = index * level.shape[: len(index)] // leading  # a level may have fewer frames
-    return Block(grid, level, (*index.tolist(), *slices(start, stop)), image.rgb)
+    name = f"Frame {times_of(image).place(frame)} of " * (frame_count(image) > 1) + repr(image.name)
+    return Block(grid, level, (*index.tolist(), *slices(start, stop)), image.rgb, name)
