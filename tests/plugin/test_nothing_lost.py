@@ -659,6 +659,32 @@ def test_an_image_whose_name_is_no_text_is_saved(home: Path, tmp_path: Path) -> 
         assert len(again.controller.records()) == 2
 
 
+def pyramid(seed: int) -> list[np.ndarray]:
+    """Levels of an image of sparse dots, of which every eighth pixel shows none."""
+    whole = np.random.default_rng(seed).random((128, 128), np.float32)
+    whole[::8, ::8] = 0
+    return [whole, whole[::2, ::2], whole[::8, ::8]]
+
+
+def test_pyramids_are_told_apart_by_more_than_their_smallest_level(home: Path) -> None:
+    with bench() as first:
+        first.viewer.add_image(pyramid(0), multiscale=True, name="one")
+        first.sketches()
+        first.refine()
+    with bench() as again:
+        again.viewer.add_image(pyramid(1), multiscale=True, name="two")
+        until(lambda: again.saver.place, SOON)
+        assert not again.saver.offers()
+    for path in saved_files(home, HEADS):  # as it was written by an earlier version
+        head = json.loads(path.read_text())
+        assert head["image"].pop("finer")
+        path.write_text(json.dumps(head))
+    with bench() as again:
+        again.viewer.add_image(pyramid(0), multiscale=True, name="one")
+        again.resume()
+        assert len(again.controller.records()) == 2
+
+
 def begin_on(made: Bench, path: Path) -> None:
     """Write an image, open it, sketch two bodies and refine them."""
     tifffile.imwrite(path, np.random.default_rng(0).random((96, 128), np.float32))

@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 
 POLL_MS = 50  # how often the window looks after a thread: at most 20 updates a second
 PATIENCE = 20.0  # s that leaving Python waits for a thread: ending amid a compilation would crash
-
 _warm = threading.Event()
 
 

@@ -31,7 +31,7 @@ from napari_splinesketch.plugin.sessions import EVERY, Folder, Head, Session, Sh
 
 DELAY_MS = 700  # from a change to its being written, at least; more changes meanwhile go together
 AGAIN_MS = 5000  # after something that failed, until it is tried again
-LOOKED_AT = 2**20  # most pixels of a frame that tell one image from another
+LOOKED_AT = 2**20  # most pixels of a frame that tell one image from another: few may be alike
 OLD = ".old"  # added to the name of a folder that is not offered again
 LETTERS, DIGITS = 50, 12  # of a layer's name and of the checksum, in a folder's name
 
@@ -48,9 +48,11 @@ class Home:
     unsaved: str = ""  # why not all is written
     job: engine.Job | None = None  # who looks or writes now, in a thread
 
-    def _look(self, name: str, path: Path | None, pixels: Any, frames: int, chosen: str) -> None:
+    def _look(self, name: str, path: Path | None, levels: Any, frames: int, chosen: str) -> None:
         """Find out which image it is, where its work goes, and what is saved of it."""
-        (checksum, first), self.unread = _checksums(pixels, frames), ""
+        (checksum, first), self.unread = _checksums(levels[-1], frames), ""
+        fine = next((x for x in levels if np.prod(x.shape[frames : frames + 2]) <= LOOKED_AT), None)
+        finer = first if fine is None or fine is levels[-1] else _checksums(fine, frames)[1]
         ending = f"{checksum[:DIGITS]}.splinesketch"
         # Of a layer's name, what any disk takes.
         plain = re.sub(r"[^\w-]+", " ", name)[:LETTERS].strip() or "image"
@@ -58,8 +60,7 @@ class Home:
         called = called if len(os.fsencode(called)) <= LONGEST_NAME else ending
         parents = [user_data_path("napari-splinesketch") / "sessions"]
         if path is not None:
-            folder = beside(path)
-            there = folder / called
+            there = (folder := beside(path)) / called
             writable = os.access(there if there.exists() else folder, os.W_OK)
             parents.insert(0 if writable else 1, folder)
         if chosen:
@@ -80,17 +81,18 @@ class Home:
             else:
                 known = head.image if head else {}
                 named = checksum if folder.parent.name.endswith(ending) else ""
-                if head and (known.get("sha256", named) == checksum or known.get("first") == first):
+                same = known.get("sha256", named) == checksum or known.get("first") == first
+                if head and same and known.get("finer", finer) == finer:
                     found[folder] = head
-        source, shape = str(path) if path else None, [int(n) for n in pixels.shape]
-        prints = {"sha256": checksum, "first": first}
+        source, shape = str(path) if path else None, [int(n) for n in levels[-1].shape]
+        prints = {"sha256": checksum, "first": first, "finer": finer}
         self.about = {"name": name, "path": source, "shape": shape, **prints}
-        self.found, self.place, self.pixels = found, parents[0] / called, pixels
+        self.found, self.place, self.pixels = found, parents[0] / called, levels[-1]
 
     def save(self, image: Sequence[Any], orders: Sequence[tuple[Folder, Session]]) -> Self:
         """Look at the image, if its pixels are new, and write what was ordered; in a thread."""
         try:
-            if self.pixels is not image[2]:
+            if self.pixels is not image[2][-1]:
                 self._look(*image)
         except Exception as error:
             why = reason_of(error)
@@ -315,11 +317,11 @@ class Saver:
     def _task(self, image: Image, home: Home) -> Callable[[], Home] | None:
         """Take a snapshot of what is to be found out about an image, and written of it."""
         works = [work for work in self._controller.works if work.image is image and work.begun]
-        pixels = image.data[-1] if image.multiscale else image.data  # pyright: ignore
-        if not self._settings.save_work or (home.pixels is pixels and not works):
+        levels: Any = image.data if image.multiscale else [image.data]
+        if not self._settings.save_work or (home.pixels is levels[-1] and not works):
             return None
         path = Path(image.source.path).absolute() if image.source.path else None
-        about = image.name, path, pixels, image.ndim - 2, self._settings.work_folder
+        about = image.name, path, levels, image.ndim - 2, self._settings.work_folder
         orders = [(work.folder, _session(work)) for work in works]
         # The thread changes a copy: the window learns all of it when it is done.
         return partial(replace(home).save, about, orders)

@@ -193,8 +193,7 @@ class Drawing:
             QTimer.singleShot(STEP_MS, partial(self._go_on, key))
 
 
-def _some_at_once(steps: Iterator[object]) -> Iterator[None]:
-    end = perf_counter() + AT_ONCE
+def _some_at_once(steps: Iterator[object], end: float = 0.0) -> Iterator[None]:
     for _ in steps:
         if perf_counter() > end:
             yield
@@ -319,8 +318,8 @@ def _masks(work: Work, _: object) -> Made:
     here, plane = space.current_frame(work.viewer, work.image), np.zeros(size, np.int32)
 
     def bodies(frame: int) -> list[Body]:
-        curves = [(record.id, fine(record.curve)) for record in records.get(frame, ())]
-        return [(number, curve.points, curve.half_width) for number, curve in curves]
+        known = ((r.id, fine(r.curve)) for r in records.get(frame, ()))
+        return [(number, curve.points, curve.half_width) for number, curve in known]
 
     def mask(frame: int) -> grids.Picture:
         return plane if frame == here else label_image(bodies(frame), size, np.int32)
