@@ -18,7 +18,7 @@ from napari_splinesketch.grids import slices
 from napari_splinesketch.tracking import drift
 from napari_splinesketch.tracking.bodies import INFERRED, Body, Line, Refine, View, curve_inferred
 from napari_splinesketch.tracking.events import Parts, parts
-from napari_splinesketch.tracking.motion import AGREE, Predicted
+from napari_splinesketch.tracking.motion import Predicted
 
 LOCAL = Settings(traced=False)
 """Without a search through the traces: the nearest body is the one."""
@@ -45,6 +45,8 @@ other attempts hardly ever find it."""
 REACH, LENGTH = 0.6, 0.5
 """How far a body may have gone that is looked for among suggestions, as a share of its length, or
 as far as its prediction may be off; and what a px of difference in length costs, in px."""
+ASTRAY = 2.0
+"""Errors of a prediction by which a body may be elsewhere."""
 TAKEN = 2.0
 """A suggestion that lies so near to a placed curve is taken, px."""
 
@@ -130,7 +132,7 @@ class Search:
     def _astray(self, body: Body) -> float:
         """How far off the prediction of a body may be, px; 0 where nothing tells it."""
         sd = self.predicted[body.id].sd
-        return AGREE * sd if np.isfinite(sd) else 0.0
+        return ASTRAY * sd if np.isfinite(sd) else 0.0
 
     def held(self, bodies: Sequence[Body]) -> dict[int, Found]:
         """Fit bodies to where they are predicted, with how surely, without any search."""
