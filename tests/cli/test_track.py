@@ -230,24 +230,26 @@ def test_an_interrupted_run_knows_the_contrast_of_its_bodies(
     assert known == [None, 30.0]
 
 
-def test_an_interrupted_run_knows_where_its_bodies_were_seen(
+def test_an_interrupted_run_knows_where_its_bodies_were_seen_and_how_bright(
     folder: Path, engine: list, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    known = list[dict[int, list[int]]]()
+    known, usual = list[dict[int, list[int]]](), []
 
     def fake(frames: Any, bodies: Any, *more: Any, given: Any, **options: Any) -> Any:
         known.append({body.id: [frame for frame, _ in body.seen] for body in bodies})
+        usual.append(options["contrast"])
         for frame in frames[:3]:
             given(frame)
             reasons = (INFERRED,) if frame == 2 else ()
             one = replace(curve(LINE), status="check", reasons=reasons)
-            yield tracking.Tracked(frame, {} if frame == 1 else {4: one})
+            yield tracking.Tracked(frame, {} if frame == 1 else {4: one}, contrast=20.0)
         raise KeyboardInterrupt
 
     monkeypatch.setattr(tracking, "follow", fake)
     assert track() == 130
     assert track("--resume") == 130
     assert known == [{}, {4: [1, 3], 9: [1], 2: [3]}]
+    assert usual == [None, 20.0]
 
 
 @pytest.mark.parametrize(

@@ -135,14 +135,13 @@ class _Film:
             told.append(CurveReport(number, 0.0, None, None, status, (why,)))
         left_out = [d.failed() for d in self.drawn.get(tracked.frame, ()) if d.curve not in curves]
         told += [CurveReport.drawn(label, "failed", error or "") for label in left_out]
-        found = tracked.refinement if tracked.by_id.keys() - tracked.drifting else None
         report = replace(
             report,
             curves=tuple(told),
             error=error,
             seconds=round(seconds, 3),
             notes=tuple(ENTERED.format(*line.mean(0)) for line in tracked.entered),
-            contrast=abs(found.model.contrast) if found else None,
+            contrast=tracked.contrast,
         )
         labels = Labels.from_curves(tuple(curves.values()), frame=tracked.frame, ids=curves)
         return FrameDone(report, (*labels.labels, *left_out))
