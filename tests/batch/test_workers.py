@@ -51,7 +51,8 @@ def test_windows_gets_no_more_processes_than_it_can_wait_for(
         patched.setattr("os.name", "nt")
         room = Local(100).room
     assert room == AHEAD * 61
-    assert Local(100).room >= AHEAD * 61
+    if os.name != "nt":
+        assert Local(100).room == AHEAD * 100
 
 
 def test_no_more_tasks_exist_than_there_is_room_for() -> None:

@@ -5,15 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from napari_splinesketch import Curve, refine
+from napari_splinesketch import Curve, Refinement, refine
 from napari_splinesketch.tracking import Body, View
 from napari_splinesketch.tracking.bodies import INFERRED, Given, Tracked, curve_inferred
-from napari_splinesketch.tracking.drift import ShownPlaces, doubts, misleads
+from napari_splinesketch.tracking.drift import ShownPlaces, distance, doubts, misleads
 from napari_splinesketch.tracking.follow import after, follow
 from napari_splinesketch.tracking.motion import Predicted
 from napari_splinesketch.tracking.search import Search
 
-from .test_follow import BRIGHT, LINE, FakeRefine, curve, moved
+from .test_follow import BRIGHT, LINE, MODEL, FakeRefine, curve, moved
 
 LENGTH, HALF_WIDTH = 50.0, 2.5
 
@@ -75,6 +75,17 @@ def test_a_jump_is_no_doubt_where_the_prediction_may_be_off_by_as_much() -> None
     jumped = curve(moved(at(6), 20, 0), HALF_WIDTH)
     assert doubts(BODY, jumped, at(6)) == ["it jumped by 20 px"]
     assert doubts(BODY, jumped, at(6), astray=19.0) and not doubts(BODY, jumped, at(6), astray=21.0)
+
+
+def test_bodies_are_looked_for_by_their_polarity_not_by_that_of_noise() -> None:
+    rows, columns = np.indices((50, 100))
+    along = np.clip(columns, *at(6, 2, LENGTH - 2)[[0, -1], 1])
+    pixels = 1 / (1 + np.exp(2 * (np.hypot(rows - 30, columns - along) - HALF_WIDTH)))
+    where = {1: Predicted(at(6), 0.7)}
+    search = Search(View(pixels), where, {}, FakeRefine((0, 0)), "balanced", polarity="bright")
+    search.refinement = Refinement((), pixels, pixels, replace(MODEL, polarity="dark"), 0.0)
+    found = search._as_suggested([BODY])  # pyright: ignore[reportPrivateUsage]
+    assert distance(found[1], moved(at(6), 5, 0)) < 1
 
 
 @pytest.mark.parametrize("aside", [0.0, 19.0])

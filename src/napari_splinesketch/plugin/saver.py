@@ -60,7 +60,8 @@ class Home:
         called = called if len(os.fsencode(called)) <= LONGEST_NAME else ending
         parents = [user_data_path("napari-splinesketch") / "sessions"]
         if path is not None:
-            there = (folder := beside(path)) / called
+            folder = beside(path)
+            there = folder / called
             writable = os.access(there if there.exists() else folder, os.W_OK)
             parents.insert(0 if writable else 1, folder)
         if chosen:

@@ -193,7 +193,9 @@ class Drawing:
             QTimer.singleShot(STEP_MS, partial(self._go_on, key))
 
 
-def _some_at_once(steps: Iterator[object], end: float = 0.0) -> Iterator[None]:
+def _some_at_once(steps: Iterator[object]) -> Iterator[None]:
+    """Take steps, as many at once as one turn of the window has time for."""
+    end = 0.0
     for _ in steps:
         if perf_counter() > end:
             yield

@@ -217,6 +217,10 @@ class Work:
             if (shown or always) and self.image in self.viewer.layers:
                 yield from slot.update()
 
+    def _update(self, *roles: str) -> None:
+        for _ in self._follow(*roles):
+            pass
+
     def move(self, frame: int = 0, lines: Sequence[model.Line] = ()) -> None:
         """Show lines of a frame that are on their way, px; none once they have arrived."""
         slot = self.slots["preview"]
@@ -233,7 +237,7 @@ class Work:
         """Select curves."""
         if keys != self.selection:
             self.selection = keys
-            list(self._follow("selected"))
+            self._update("selected")
             self.changes.selection.emit()
 
     def _add(self) -> Iterator[None]:
@@ -329,7 +333,7 @@ class Work:
         moved, self._moved = self._moved, False
         if moved and [slot for slot in self.slots.values() if slot.place()]:
             self.changes.curves.emit()  # for their lengths, in its unit
-        list(self._follow("marks", "selected"))
+        self._update("marks", "selected")
         self._lines.broaden()
 
     def on_visible(self, event: Any) -> None:
@@ -337,7 +341,7 @@ class Work:
         for mark in (self.layer("selected"), self.layer("marks")):
             if event.source is self.layer("curves") and mark is not None:
                 mark.visible = event.source.visible
-        list(self._follow("marks", *[role for role in ASKED if event.source is self.layer(role)]))
+        self._update("marks", *[role for role in ASKED if event.source is self.layer(role)])
         self.changes.shown.emit()
 
     def _select_all(self) -> None:
