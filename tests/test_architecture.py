@@ -65,6 +65,12 @@ def test_the_command_line_imports_nothing_heavy() -> None:
     assert not imported_by("napari_splinesketch.cli") & (GUI | {"jax", "scipy", "skimage"})
 
 
+def test_what_the_user_can_put_right_is_an_error_of_ours() -> None:
+    paths = Path(str(files("napari_splinesketch"))).rglob("*.py")
+    wrong = [path.name for path in paths if "raise ValueError" in path.read_text("utf-8")]
+    assert not wrong, "raise InputError: other errors are taken for faults of the program"
+
+
 def test_opening_the_plugin_menu_imports_neither_jax_nor_plots() -> None:
     modules = manifest_modules()
     assert len(modules) >= 2

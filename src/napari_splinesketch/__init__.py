@@ -8,13 +8,14 @@ if TYPE_CHECKING:
     from napari_splinesketch.engine.find.suggest import suggest
     from napari_splinesketch.engine.refine import refine
     from napari_splinesketch.engine.settings import Settings
-    from napari_splinesketch.engine.types import Curve, Progress, Refinement
+    from napari_splinesketch.engine.types import Curve, InputError, Progress, Refinement
     from napari_splinesketch.labels import read_labels, write_labels
 
 __version__ = "0.2.0"
 
 __all__ = [
     "Curve",
+    "InputError",
     "Progress",
     "Refinement",
     "Settings",
@@ -32,7 +33,7 @@ __getattr__, _, _ = lazy_loader.attach(
         "engine.find.suggest": ["suggest"],
         "engine.refine": ["refine"],
         "engine.settings": ["Settings"],
-        "engine.types": ["Curve", "Progress", "Refinement"],
+        "engine.types": ["Curve", "InputError", "Progress", "Refinement"],
         "labels": ["read_labels", "write_labels"],
     },
 )

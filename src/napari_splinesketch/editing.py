@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.checks import checked_line
-from napari_splinesketch.engine.types import POINTS, Curve, Line
+from napari_splinesketch.engine.types import POINTS, Curve, InputError, Line
 from napari_splinesketch.geometry import with_width
 
 BY_HAND = "it was changed by hand and not refined since"
@@ -30,7 +30,7 @@ def moved(curve: Curve, knots: Line) -> Curve:
     """Lead a curve through other knots; along it, its half-widths stay as they are."""
     knots = checked_line(knots, "knots", finite=True)
     if len(knots) < 2:
-        raise ValueError("knots has 1 row; a curve needs two or more, row and col in px.")
+        raise InputError("knots has 1 row; a curve needs two or more, row and col in px.")
     return _by_hand(with_width(knots, curve.knots[:, 2]), curve.half_width, curve.residual)
 
 
@@ -43,7 +43,7 @@ def flipped(curve: Curve) -> Curve:
 def nearest(curve: Curve, point: Float[np.ndarray, "2"]) -> tuple[int, float]:
     """Position of the curve's point that is nearest to another, and how far the curve is, px."""
     if np.shape(point) != (2,) or np.isnan(point).any():
-        raise ValueError(f"point is {point!r}; give one place (2,), row and col in px.")
+        raise InputError(f"point is {point!r}; give one place (2,), row and col in px.")
     apart = np.linalg.norm(curve.points - point, axis=1)
     off = apart.min()
     if off < curve.length / 50:  # it may lie between points, which are far apart on a long curve
@@ -53,12 +53,12 @@ def nearest(curve: Curve, point: Float[np.ndarray, "2"]) -> tuple[int, float]:
 
 
 def split(curve: Curve, at: int) -> tuple[Curve, Curve]:
-    """Cut a curve at one of its points; ValueError if a piece would be too short."""
+    """Cut a curve at one of its points; InputError if a piece would be too short."""
     along = spline.arc_length(curve.points)
     if not isinstance(at, Integral) or not 0 <= at < len(along):
-        raise ValueError(f"at is {at!r}; give the number of a point, from 0 to {len(along) - 1}.")
+        raise InputError(f"at is {at!r}; give the number of a point, from 0 to {len(along) - 1}.")
     if min(along[at], along[-1] - along[at]) < SHORTEST:
-        raise ValueError(f"Each piece must be {SHORTEST:.0f} px long: cut farther from the end.")
+        raise InputError(f"Each piece must be {SHORTEST:.0f} px long: cut farther from the end.")
     share, line = along[at] / along[-1], spline.fine(curve)
     at = at * (len(line.points) - 1) // (len(along) - 1)
     return _fitted([line], slice(at + 1), share), _fitted([line], slice(at, None), 1 - share)
@@ -83,7 +83,7 @@ def joined(curve: Curve, other: Curve) -> Curve:
 def extended(curve: Curve, at_end: bool, by: float) -> Curve:
     """Lengthen a curve along its tangent, at its end or at its beginning, by some px."""
     if not isinstance(by, RealNumber) or not 0 < by < np.inf:
-        raise ValueError(f"by is {by!r}; give a length above 0, px.")
+        raise InputError(f"by is {by!r}; give a length above 0, px.")
     if not at_end:
         return flipped(extended(flipped(curve), True, by))
     line = spline.fine(curve).points

@@ -11,11 +11,14 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from traceback import extract_tb
 from uuid import uuid4
 
 from numpy.linalg import LinAlgError
 
+from napari_splinesketch.engine.types import InputError
+
+REFUSALS = InputError, OSError
+"""What the user can put right: any other error is a fault of the program."""
 EXISTS = "exists already; choose another name, or overwrite it (overwrite=True, --overwrite)"
 INSTALL = "pip install 'napari-splinesketch[{}]'"  # with what an extra brings
 FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
@@ -138,18 +141,18 @@ def check_outputs(
         for other in outputs[:number]:
             alike = {os.path.realpath(each).casefold() for each in (path, other)}
             if same_file(path, other) or len(alike) == 1:  # some disks do not tell A from a
-                raise ValueError(f"two outputs have the same name, {path}; give each its own")
+                raise InputError(f"two outputs have the same name, {path}; give each its own")
         if not path.parent.is_dir():
             raise FileNotFoundError(f"{path.parent}: no such folder; make it first")
         if is_input(path):
             read = "is read by this command, and is not replaced"
             why = read if path.exists() else "would become a frame of the image"
-            raise ValueError(f"{path} {why}; choose another name or folder")
+            raise InputError(f"{path} {why}; choose another name or folder")
         if path.is_symlink() and not path.exists():
-            raise ValueError(f"{path} is a link that leads nowhere; delete it or choose another")
+            raise InputError(f"{path} is a link that leads nowhere; delete it or choose another")
         if path.exists() and not path.is_file():
             kind = "a folder" if path.is_dir() else "no regular file"
-            raise ValueError(f"{path} is {kind}, and is not replaced; choose another name")
+            raise InputError(f"{path} is {kind}, and is not replaced; choose another name")
         if path.exists() and not overwrite:
             raise FileExistsError(f"{path} exists already; choose another name or add --overwrite")
         if not os.access(Path(os.path.realpath(path)).parent, os.W_OK | os.X_OK):
@@ -172,7 +175,7 @@ def is_inside(path: str | os.PathLike[str], folder: str | os.PathLike[str]) -> b
 def checksum_of_file(path: str | os.PathLike[str]) -> str:
     """SHA-256 of a file's bytes, in hexadecimal digits."""
     if kind := special(path):
-        raise ValueError(f"{printable(os.fspath(path))} is {kind}; expected a file")
+        raise InputError(f"{printable(os.fspath(path))} is {kind}; expected a file")
     with Path(path).open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
@@ -201,34 +204,21 @@ def counted(number: int, thing: str) -> str:
 
 
 def reason_of(error: Exception) -> str:
-    """Say what went wrong in one line, without the numbers of the system, and with which file."""
-    if not isinstance(error, OSError) or not error.strerror:
-        return " ".join(str(error).split())
-    return f"{error.filename}: {error.strerror}" if error.filename else error.strerror
+    """Say what went wrong in one line: a fault with its type, the system's error with its file."""
+    text = " ".join(str(error).split())
+    if isinstance(error, OSError) and error.strerror:
+        return f"{error.filename}: {error.strerror}" if error.filename else error.strerror
+    if isinstance(error, LinAlgError):
+        return f"the fit has no solution ({text}); change the sketches, half-width or preset"
+    name = type(error).__name__
+    return text if text and isinstance(error, REFUSALS) else f"{name}: {text}".removesuffix(": ")
 
 
 def logged(what: str, error: Exception) -> bool:
-    """Log an error, unless it says why something cannot be: the system's, or one that we raise.
-
-    All others are faults of the program.
-    """
-    here = Path(__file__).parent
-    last = extract_tb(error.__traceback__, limit=-1)
-    ours = any(
-        here in Path(at.filename).parents and f"{at.line}".startswith("raise") for at in last
-    )
-    if ours or isinstance(error, OSError):
-        return False
-    logging.getLogger(__name__).error(what, exc_info=error)
-    return True
-
-
-def failure_of(error: Exception) -> str:
-    """Say why a frame could not be worked on, in one line."""
-    text = " ".join(str(error).split())
-    if isinstance(error, LinAlgError):
-        return f"the fit has no solution ({text}); change the sketches, half-width or preset"
-    return text if isinstance(error, ValueError) else f"{type(error).__name__}: {text}"
+    """Log an error that is a fault of the program; False of what the user can put right."""
+    if fault := not isinstance(error, REFUSALS):
+        logging.getLogger(__name__).error(what, exc_info=error)
+    return fault
 
 
 @contextmanager

@@ -16,7 +16,7 @@ from skimage.graph import MCP
 from napari_splinesketch.engine.checks import checked_line, checked_lines
 from napari_splinesketch.engine.constants import FARTHEST_PX
 from napari_splinesketch.engine.spline import arc_length, distinct, neighbours
-from napari_splinesketch.engine.types import POINTS, Array, Line
+from napari_splinesketch.engine.types import POINTS, Array, InputError, Line
 
 _OVERSAMPLING = 8
 
@@ -36,10 +36,10 @@ def resample(curve: Real[np.ndarray, "N 2"], n: int = POINTS) -> Float[np.ndarra
     (n, 2): row, col, px; the first and last are the polyline's ends.
     """
     if not isinstance(n, Integral) or n < 1:
-        raise ValueError(f"n is {n!r}; give a whole number of points, from 1.")
+        raise InputError(f"n is {n!r}; give a whole number of points, from 1.")
     points = distinct(checked_line(curve, "the curve", finite=True))
     if len(points) < 2:
-        raise ValueError(f"A curve needs two distinct points; got {np.shape(curve)}.")
+        raise InputError(f"A curve needs two distinct points; got {np.shape(curve)}.")
     t = arc_length(points)
     spline = CubicSpline(t, points)
     dense_t = np.interp(
@@ -136,7 +136,7 @@ def match(
         Largest average DTW of a pair, px.
     """
     if not isinstance(tolerance, RealNumber) or not 0 <= tolerance < FARTHEST_PX:
-        raise ValueError(
+        raise InputError(
             f"tolerance is {tolerance!r}; give a distance from 0 to {FARTHEST_PX:g} px."
         )
     # Average DTW is at least the distance between some two points, so that bounding boxes settle

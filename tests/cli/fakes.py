@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import napari_splinesketch
-from napari_splinesketch.engine.types import Curve, Progress, Refinement, SceneModel
+from napari_splinesketch.engine.types import Curve, InputError, Progress, Refinement, SceneModel
 
 MODEL = SceneModel(
     polarity="dark",
@@ -57,7 +57,7 @@ class FakeEngine:
     ) -> Refinement:
         self.calls.append((image, list(sketches), preset, options))
         if np.ptp(image) == 0:
-            raise ValueError("the image is constant; give one with bodies in it")
+            raise InputError("the image is constant; give one with bodies in it")
         on_progress(Progress("polishing", 0.5))
         curves = tuple(curve(np.asarray(sketch)) for sketch in sketches)
         return Refinement(curves, image + 0.25, image * 0.0, MODEL, 0.01)

@@ -4,12 +4,13 @@ import subprocess
 import sys
 from dataclasses import fields
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
 import tifffile
 
-from napari_splinesketch import __version__, palette
+from napari_splinesketch import InputError, __version__, palette
 from napari_splinesketch.cli import main
 from napari_splinesketch.cli.commands import COMMANDS, why_no_window
 from napari_splinesketch.cli.comparing import compare
@@ -321,3 +322,21 @@ def test_one_line_a_frame_or_one_a_curve(
     told = json.loads(capsys.readouterr().out)
     assert told["provenance"]["preset"] == "balanced"
     assert told["provenance"]["software"] == f"napari-splinesketch {__version__}"
+
+
+@pytest.mark.parametrize("error", [InputError("give\nlines"), OSError(5, "disk failure", "a.csv")])
+def test_what_the_user_can_put_right_is_one_sentence(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], error: Exception
+) -> None:
+    monkeypatch.setattr("napari_splinesketch.cli.commands.open_labels", Mock(side_effect=error))
+    assert main(["convert", "a.csv", "b.csv"]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+
+
+@pytest.mark.parametrize("error", [ValueError("of a library"), TypeError("of ours")])
+def test_a_fault_is_not_taken_for_a_mistake_of_the_user(
+    monkeypatch: pytest.MonkeyPatch, error: Exception
+) -> None:
+    monkeypatch.setattr("napari_splinesketch.cli.commands.open_labels", Mock(side_effect=error))
+    with pytest.raises(type(error), match="of "):
+        main(["convert", "a.csv", "b.csv"])

@@ -13,7 +13,8 @@ import pytest
 import tifffile
 from PIL import Image
 
-from napari_splinesketch.images.frames import LUMINANCE, ImageError, is_part_of, open_frames
+from napari_splinesketch import InputError
+from napari_splinesketch.images.frames import LUMINANCE, is_part_of, open_frames
 from napari_splinesketch.images.pictures import grey
 
 from .fakes import film
@@ -66,13 +67,13 @@ def test_planes_without_a_name_are_chosen_by_z(tmp_path: Path, of_times: bool) -
         write(tmp_path / "a.tif", stack.swapaxes(0, 1), **axes)
     else:
         write(tmp_path / "a.tif", stack)
-    with pytest.raises(ImageError, match="choose one plane with --z"):
+    with pytest.raises(InputError, match="choose one plane with --z"):
         open_frames(str(tmp_path / "a.tif")).__enter__()
     with open_frames(str(tmp_path / "a.tif"), z=1) as frames:
         assert frames.count == 4
         assert np.array_equal(frames[3], FRAMES[3])
     write(tmp_path / "b.tif", np.stack([stack, stack]))
-    with pytest.raises(ImageError, match="save one as an image of its own"):
+    with pytest.raises(InputError, match="save one as an image of its own"):
         open_frames(str(tmp_path / "b.tif"), z=1).__enter__()
 
 
@@ -94,7 +95,7 @@ def test_frames_appended_some_at_a_time_are_a_film(tmp_path: Path, compression: 
     with open_frames(str(tmp_path / "a.tif")) as frames:
         read = [frames[i] for i in range(frames.count)]
     assert np.array_equal(read, np.concatenate([FRAMES, FRAMES[:3]]))
-    with pytest.raises(ImageError, match="has no axis for --z"):
+    with pytest.raises(InputError, match="has no axis for --z"):
         open_frames(str(tmp_path / "a.tif"), z=1).__enter__()
 
 
@@ -103,7 +104,7 @@ def test_stacks_of_several_types_are_refused(tmp_path: Path, count: int) -> None
     with tifffile.TiffWriter(tmp_path / "a.tif") as writer:
         for some in (FRAMES, np.zeros((count, *FRAMES.shape[1:]), bool)):
             writer.write(some, photometric="minisblack")
-    with pytest.raises(ImageError, match=f"stacks are {FRAMES.dtype}, bool; save"):
+    with pytest.raises(InputError, match=f"stacks are {FRAMES.dtype}, bool; save"):
         open_frames(str(tmp_path / "a.tif")).__enter__()
 
 
@@ -115,7 +116,7 @@ def test_pages_of_different_sizes_are_refused(
     with tifffile.TiffWriter(tmp_path / "a.tif", shaped=shaped) as writer:
         for size in ((8, 9), other, (8, 9)):
             writer.write(np.zeros(size, np.uint8))
-    with pytest.raises(ImageError, match=f"pages are 8 x 9, {other[0]} x {other[1]}; save"):
+    with pytest.raises(InputError, match=f"pages are 8 x 9, {other[0]} x {other[1]}; save"):
         open_frames(str(tmp_path / "a.tif")).__enter__()
 
 
@@ -198,9 +199,9 @@ def test_a_channel_of_colours_is_that_channel(tmp_path: Path) -> None:
     for name in ("a.tif", "film.tif", "a.png"):
         with open_frames(str(tmp_path / name), channel=1) as frames:
             assert np.array_equal(frames[0], colour[..., 1]), name
-        with pytest.raises(ImageError, match=r"3 along axis .; there is no 3"):
+        with pytest.raises(InputError, match=r"3 along axis .; there is no 3"):
             open_frames(str(tmp_path / name), channel=3).__enter__()
-        with pytest.raises(ImageError, match="no axis for --z; leave it out"):
+        with pytest.raises(InputError, match="no axis for --z; leave it out"):
             open_frames(str(tmp_path / name), z=0).__enter__()
 
 
@@ -209,7 +210,7 @@ def test_channels_that_lie_together_and_inks_are_no_colours(tmp_path: Path) -> N
     for count, photometric in ((2, "minisblack"), (4, "minisblack"), (4, "separated")):
         kind = {"photometric": photometric, "planarconfig": "contig"}
         write(tmp_path / "a.tif", pixels[..., :count], **kind)
-        with pytest.raises(ImageError, match=f"has {count} channels; choose one with --channel"):
+        with pytest.raises(InputError, match=f"has {count} channels; choose one with --channel"):
             open_frames(str(tmp_path / "a.tif")).__enter__()
         with open_frames(str(tmp_path / "a.tif"), channel=1) as frames:
             assert np.array_equal(frames[0], pixels[..., 1])
@@ -244,9 +245,9 @@ def test_a_film_that_was_cut_off_has_its_first_frames(tmp_path: Path) -> None:
     path.write_bytes(path.read_bytes()[: -FRAMES[0].nbytes * 3 // 2])
     with open_frames(str(path)) as frames:
         assert np.array_equal(frames[1], FRAMES[1])
-        with pytest.raises(ImageError, match="frame 3: cannot be read"):
+        with pytest.raises(InputError, match="frame 3: cannot be read"):
             frames[3]
-        with pytest.raises(ImageError, match=r"frame 2: .*the file ends before it; copy"):
+        with pytest.raises(InputError, match=r"frame 2: .*the file ends before it; copy"):
             frames[2]
 
 
@@ -278,11 +279,11 @@ def test_hidden_files_and_a_bad_first_one_do_not_stop_a_folder(tmp_path: Path) -
     with open_frames(str(tmp_path)) as frames:
         assert frames.count == len(FRAMES)
         assert np.array_equal(frames[1], FRAMES[1])
-        with pytest.raises(ImageError, match="cannot be read"):
+        with pytest.raises(InputError, match="cannot be read"):
             frames[0]
     for path in tmp_path.glob("f*.png"):
         path.write_bytes(b"junk")
-    with pytest.raises(ImageError, match="cannot be read"), open_frames(str(tmp_path)):
+    with pytest.raises(InputError, match="cannot be read"), open_frames(str(tmp_path)):
         pass
 
 
@@ -386,7 +387,7 @@ def test_a_grey_film_of_16_bits_keeps_them(tmp_path: Path) -> None:
         file.mux(stream.encode())
     with open_frames(str(tmp_path / "a.mkv")) as frames:
         assert all(np.array_equal(frames[i], data[i]) for i in (2, 0, 1))
-    with pytest.raises(ImageError, match="no axis for --channel"):
+    with pytest.raises(InputError, match="no axis for --channel"):
         open_frames(str(tmp_path / "a.mkv"), channel=0).__enter__()
 
 
@@ -399,7 +400,7 @@ def test_a_damaged_frame_of_a_film_costs_no_later_one(tmp_path: Path) -> None:
     content[middle : middle + 100] = b"x" * 100
     path.write_bytes(content)
     with open_frames(str(path)) as frames:
-        with suppress(ImageError):  # libraries of 2024 read the damaged one
+        with suppress(InputError):  # libraries of 2024 read the damaged one
             list(map(frames.__getitem__, range(20)))
         assert frames[19].shape == (48, 64)
 
@@ -489,7 +490,7 @@ def test_what_cannot_be_read_is_said(
     tmp_path: Path, make: Callable[[Path], str], reason: str
 ) -> None:
     name = make(tmp_path)
-    with pytest.raises(ImageError) as caught, open_frames(name) as frames:
+    with pytest.raises(InputError) as caught, open_frames(name) as frames:
         frames[0]
     assert reason in str(caught.value)
 
@@ -503,18 +504,18 @@ def test_a_picture_that_may_not_be_opened_says_so(
         raise PermissionError(13, "Permission denied")
 
     monkeypatch.setattr(Path, "open", refuse)
-    with pytest.raises(ImageError, match="Permission denied"), open_frames(str(path)):
+    with pytest.raises(InputError, match="Permission denied"), open_frames(str(path)):
         pass
 
 
 def test_a_channel_or_frame_that_is_not_there(tmp_path: Path) -> None:
     name = channels(tmp_path)
     with (
-        pytest.raises(ImageError, match="4 along axis C; there is no 4"),
+        pytest.raises(InputError, match="4 along axis C; there is no 4"),
         open_frames(name, channel=4),
     ):
         pass
-    with open_frames(name, channel=3) as frames, pytest.raises(ImageError, match="no frame 1"):
+    with open_frames(name, channel=3) as frames, pytest.raises(InputError, match="no frame 1"):
         frames[1]
 
 
@@ -550,7 +551,7 @@ def test_a_missing_library_is_said_with_the_extra_that_brings_it(
     Path("film.zarr/zarr.json").touch()
     Path("film.mp4").touch()
     monkeypatch.setitem(sys.modules, library, None)
-    with pytest.raises(ImageError, match=rf"pip install 'napari-splinesketch\[{extra}\]'"):
+    with pytest.raises(InputError, match=rf"pip install 'napari-splinesketch\[{extra}\]'"):
         open_frames(name).__enter__()
 
 
@@ -560,6 +561,6 @@ def test_a_pipe_among_images_is_said_and_does_not_wait(tmp_path: Path, name: str
     os.mkfifo(tmp_path / name)
     write(tmp_path / "b.tif", FRAMES[0])
     with open_frames(str(tmp_path)) as frames:
-        with pytest.raises(ImageError, match="a pipe or device; expected a file"):
+        with pytest.raises(InputError, match="a pipe or device; expected a file"):
             frames[0]
         assert np.array_equal(frames[1], FRAMES[0])

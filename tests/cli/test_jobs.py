@@ -19,10 +19,10 @@ import pytest
 import tifffile
 from distributed import Client
 
+from napari_splinesketch import InputError
 from napari_splinesketch.batch import workers
 from napari_splinesketch.batch.frame_task import FrameDone, FrameTask, Source
 from napari_splinesketch.cli import main
-from napari_splinesketch.images.frames import ImageError
 from napari_splinesketch.labels import Label, Labels, write_labels
 from napari_splinesketch.synthetic import scene
 
@@ -235,7 +235,7 @@ class Elsewhere:
             patch.setattr("napari_splinesketch.batch.frame_task.open_frames", _nowhere)
             try:
                 future.set_result(work(pickle.loads(pickle.dumps(task))))
-            except ImageError as error:
+            except InputError as error:
                 future.set_exception(pickle.loads(pickle.dumps(error)))
         return future
 

@@ -192,14 +192,25 @@ def test_sketches_beyond_the_film_are_reported(
     assert read_labels("labels.csv").labels[0].status == "failed"
 
 
+@pytest.mark.parametrize("kind", [RuntimeError, ValueError])
 def test_any_error_of_the_engine_is_one_frame_s_error(
-    folder: Path, engine: FakeEngine, monkeypatch: pytest.MonkeyPatch
+    folder: Path,
+    engine: FakeEngine,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    kind: type[Exception],
 ) -> None:
-    def broken(*args: object, **options: object) -> None:
-        raise RuntimeError("RESOURCE_EXHAUSTED:\nout of memory")
+    def broken(image: np.ndarray, *args: object, **options: object) -> object:
+        if engine.calls:
+            raise kind("RESOURCE_EXHAUSTED:\nout of memory")
+        return engine(image, *args, **options)  # pyright: ignore[reportArgumentType]
 
     monkeypatch.setattr(napari_splinesketch, "refine", broken)
-    assert refine() == 1
+    assert refine("--json") == 1
+    done, *frames = json.loads(capsys.readouterr().out)["frames"]
+    assert done["error"] is None
+    said = f"{kind.__name__}: RESOURCE_EXHAUSTED: out of memory"
+    assert {frame["error"] for frame in frames} == {said}
 
 
 def interrupt_after_two(engine: FakeEngine, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -15,9 +15,10 @@ import numpy as np
 import pytest
 
 import napari_splinesketch
+from napari_splinesketch import InputError
 from napari_splinesketch.batch.frame_task import Source
 from napari_splinesketch.cli import main
-from napari_splinesketch.images.frames import ImageError, checksum, open_frames
+from napari_splinesketch.images.frames import checksum, open_frames
 from napari_splinesketch.labels import Label, Labels, read_labels, write_labels
 
 from .fakes import FakeEngine, film
@@ -215,7 +216,7 @@ def test_a_missing_library_is_said_with_the_remedy(
     remedy = (
         r"needs a library \(.*\); for https and s3, pip install 'napari-splinesketch\[remote\]'"
     )
-    with pytest.raises(ImageError, match=remedy), open_frames(url):
+    with pytest.raises(InputError, match=remedy), open_frames(url):
         pass
 
 

@@ -11,6 +11,7 @@ import pytest
 import tifffile
 
 import napari_splinesketch
+from napari_splinesketch import InputError
 from napari_splinesketch.batch.frame_task import CurveReport, FrameReport
 from napari_splinesketch.batch.partial import Spool
 from napari_splinesketch.cli import main, tracking
@@ -48,7 +49,7 @@ def engine(monkeypatch: pytest.MonkeyPatch) -> list[tuple[int, dict[str, Any]]]:
 
         calls.append((len(lines), options | {"preset": preset}))
         if np.ptp(image) == 0:
-            raise ValueError("the image is constant; give one with bodies in it")
+            raise InputError("the image is constant; give one with bodies in it")
         background = image + 30.0
         curves = tuple(curve(np.asarray(line) - 0.5) for line in lines)
         return Refinement(curves, image, background, MODEL, 0.01)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from napari_splinesketch.engine.checks import checked_image
-from napari_splinesketch.engine.types import OnProgress, Progress
+from napari_splinesketch.engine.types import InputError, OnProgress, Progress
 from napari_splinesketch.plugin.engine import Job
 
 from .hand import QTest, until
@@ -63,13 +63,18 @@ def test_every_error_is_told(qapp: Any, error: Exception, caplog: pytest.LogCapt
     assert "Traceback" in caplog.text, "the details are in the log"
 
 
+def refuse(report: OnProgress) -> None:
+    raise InputError("give another image")
+
+
 @pytest.mark.parametrize(
     ("work", "said"),
     [
         (lambda report: checked_image(np.full((9, 9), np.nan)), "image has no finite pixel; give"),
+        (refuse, "give another image"),
         (lambda report: Path("no such file").read_bytes(), "no such file: No such file"),
     ],
-    ids=["ours", "the system's"],
+    ids=["the engine's", "anybody's", "the system's"],
 )
 def test_what_is_refused_is_told_in_words_alone(
     qapp: Any, work: Any, said: str, caplog: pytest.LogCaptureFixture

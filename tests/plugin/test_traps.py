@@ -43,11 +43,17 @@ def check_result(viewer: Any) -> None:
     "error", [RuntimeError("XLA ran out"), ValueError("bad"), KeyError("k"), MemoryError("full")]
 )
 def test_an_error_of_the_engine_lets_go_of_the_widget(
-    viewer: Any, dock: SplinesketchDock, fake: FakeEngine, running: Any, error: Exception
+    viewer: Any,
+    dock: SplinesketchDock,
+    fake: FakeEngine,
+    running: Any,
+    error: Exception,
+    caplog: pytest.LogCaptureFixture,
 ) -> None:
     fake.error = error
     finish(dock, fake)
     assert type(error).__name__ in dock.notice.text()
+    assert [record.exc_info and record.exc_info[1] for record in caplog.records] == [error]
     assert "Refining failed. No curve was refined." in dock.notice.text()
     assert dock.refine.isEnabled()
     assert len(viewer.layers) == 2

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from napari_splinesketch.engine.types import Progress
+from napari_splinesketch.engine.types import InputError, Progress
 from napari_splinesketch.files import reason_of
 from napari_splinesketch.plugin import words
 from napari_splinesketch.plugin.model import Record
@@ -36,7 +36,10 @@ def plan(scope: Scope, new: int, old: int) -> Plan:
         (FileNotFoundError(2, "No such folder", "/a/b.csv"), "/a/b.csv: No such folder"),
         (OSError(28, "no space left"), "no space left"),
         (OSError("the disk is away"), "the disk is away"),
-        (ValueError("2 is not 3"), "2 is not 3"),
+        (InputError("2 is not 3"), "2 is not 3"),
+        (ValueError("2 is\n not 3"), "ValueError: 2 is not 3"),
+        (MemoryError(), "MemoryError"),
+        (TimeoutError(), "TimeoutError"),
     ],
 )
 def test_errors_are_said_without_the_numbers_of_the_system(error: Exception, text: str) -> None:

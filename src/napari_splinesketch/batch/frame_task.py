@@ -15,13 +15,13 @@ from jaxtyping import Float, Real
 
 from napari_splinesketch import __version__
 from napari_splinesketch.batch.workers import limit_threads
-from napari_splinesketch.engine.types import Curve
-from napari_splinesketch.files import failure_of
-from napari_splinesketch.images.frames import Frames, ImageError, checksum, open_frames
+from napari_splinesketch.engine.types import Curve, InputError
+from napari_splinesketch.files import reason_of
+from napari_splinesketch.images.frames import Frames, checksum, open_frames
 from napari_splinesketch.labels import Label
 
 
-class UnreachableError(ImageError):
+class UnreachableError(InputError):
     """An image that cannot be opened from here, or is not the one that was expected."""
 
 
@@ -56,7 +56,7 @@ def _opened(source: Source) -> Frames:
     try:
         found = open_frames(source.pattern, channel=source.channel, z=source.z)
         images = _inside.enter_context(found)
-    except (ImageError, OSError) as error:
+    except (InputError, OSError) as error:
         raise UnreachableError(str(error)) from None
     if images.count != source.count:
         counts = f"{images.count}; expected {source.count}"
@@ -170,7 +170,7 @@ def do_frame(task: FrameTask, tell: Tell = lambda share: None) -> FrameDone:
     Raises ConnectionError and UnreachableError: other frames would fail too.
     """
     if task.version != __version__:
-        raise ValueError(
+        raise InputError(
             f"a worker has napari-splinesketch {__version__}, and here it is {task.version}; "
             "install the same version everywhere"
         )
@@ -185,7 +185,7 @@ def do_frame(task: FrameTask, tell: Tell = lambda share: None) -> FrameDone:
     except (ConnectionError, UnreachableError):
         raise
     except Exception as error:  # one bad frame must not stop the others
-        found = failed(task, failure_of(error))
+        found = failed(task, reason_of(error))
         report = found.report
     seconds = round(time.perf_counter() - began, 3)
     return replace(found, report=replace(report, seconds=seconds, sha256=digest))
@@ -200,11 +200,11 @@ def sent(images: Frames, frame: int) -> Callable[[], Real[np.ndarray, "H W"]]:
     """Read a frame here, for a worker that cannot; gives the function that the worker calls."""
     try:
         return partial(np.asarray, images[frame])
-    except ImageError as error:
+    except InputError as error:
         return partial(_refuse, error)
 
 
-def _refuse(error: ImageError) -> Real[np.ndarray, "H W"]:
+def _refuse(error: InputError) -> Real[np.ndarray, "H W"]:
     raise error
 
 

@@ -15,6 +15,7 @@ import tifffile
 from jaxtyping import Float
 
 from napari_splinesketch.batch.frame_task import FrameReport
+from napari_splinesketch.engine.types import InputError
 from napari_splinesketch.files import atomic, atomic_folder
 from napari_splinesketch.labels import Label, Labels, LabelsError, table
 
@@ -39,23 +40,23 @@ class Partial:
         self._mine = json.loads(json.dumps(settings))
         if not self._note.exists():
             if os.path.lexists(self.folder):
-                raise ValueError(
+                raise InputError(
                     f"{self.folder} is in the way: finished frames are kept in a folder of this "
                     "name; move it, or choose another name for the output"
                 )
             return
         if not resume:
-            raise ValueError(
+            raise InputError(
                 f"{self.folder} holds an interrupted run; continue it with --resume, or delete it"
             )
         try:
             theirs = json.loads(self._note.read_text(encoding="utf-8"))
         except ValueError:
             why = f"{self._note} is damaged; delete {self.folder} and start again"
-            raise ValueError(why) from None
+            raise InputError(why) from None
         differs = [key for key, value in self._mine.items() if value != theirs.get(key)]
         if differs:
-            raise ValueError(
+            raise InputError(
                 f"the interrupted run in {self.folder} differs in {', '.join(differs)}; "
                 "repeat its command, or delete the folder and start again"
             )
@@ -72,10 +73,10 @@ class Partial:
         return None if lacks else report
 
     def finished(self, frame: int) -> FrameReport:
-        """Give the report of a frame that was finished; ValueError where it is not there."""
+        """Give the report of a frame that was finished; InputError where it is not there."""
         done = self.done(frame)
         if done is None:
-            raise ValueError(
+            raise InputError(
                 f"frame {frame} was finished, but is no longer in {self.folder}; "
                 "repeat the command with --resume"
             )

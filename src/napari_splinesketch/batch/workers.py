@@ -13,6 +13,7 @@ from contextlib import contextmanager
 from multiprocessing.connection import Connection
 from typing import Any, Self, TypeVar
 
+from napari_splinesketch.engine.types import InputError
 from napari_splinesketch.files import INSTALL
 
 AHEAD = 2
@@ -166,7 +167,7 @@ def limit_threads(environment: MutableMapping[str, str]) -> None:
 def cluster(address: str) -> Iterator["Cluster"]:
     """Connect to the Dask cluster of a scheduler, such as tcp://10.0.0.5:8786.
 
-    ValueError says what to do where that fails. In the end what is in progress is abandoned, and
+    InputError says what to do where that fails. In the end what is in progress is abandoned, and
     the cluster stays.
     """
     try:
@@ -174,14 +175,14 @@ def cluster(address: str) -> Iterator["Cluster"]:
         from distributed.comm.addressing import resolve_address
     except ImportError:
         needed = INSTALL.format("cluster")
-        raise ValueError(f"--scheduler needs a library; {needed}") from None
+        raise InputError(f"--scheduler needs a library; {needed}") from None
     # Dask's messages at the end of a connection are replaced by one sentence of ours.
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
     try:
         resolve_address(address)  # a client of none keeps Python from ending for 40 s
         client = Client(address, timeout=PATIENCE, set_as_default=False)
     except (OSError, ValueError) as error:  # no answer, or no address at all
-        raise ValueError(
+        raise InputError(
             f"--scheduler {address}: no scheduler answers there ({error}); start one "
             "with `dask scheduler`, which prints its address"
         ) from None
@@ -189,7 +190,7 @@ def cluster(address: str) -> Iterator["Cluster"]:
         try:
             client.wait_for_workers(1, timeout=PATIENCE)
         except TimeoutError:
-            raise ValueError(
+            raise InputError(
                 f"--scheduler {address} has no workers; start some with "
                 f"`dask worker {address} --nworkers auto --nthreads 1`"
             ) from None

@@ -18,7 +18,8 @@ from napari_splinesketch import __version__
 from napari_splinesketch.batch.partial import folder_of
 from napari_splinesketch.cli import jobs, report, terminal
 from napari_splinesketch.cli.options import add_options, as_typed, given, numbers_joined
-from napari_splinesketch.files import WHEN_FULL, counted, is_inside, reason_of
+from napari_splinesketch.engine.types import InputError
+from napari_splinesketch.files import REFUSALS, WHEN_FULL, counted, is_inside, reason_of
 from napari_splinesketch.images.frames import open_frames
 from napari_splinesketch.labels.formats import open_labels, read_labels, write_labels
 from napari_splinesketch.training import Split, export_training
@@ -65,7 +66,7 @@ def run(arguments: Sequence[str] | None) -> int:
         name, (kind, do) = options.command, COMMANDS[options.command]
         try:
             job = given(kind, options)
-        except ValueError as error:
+        except InputError as error:
             options.parser.error(str(error))
         return do(job)
     except SystemExit:  # from --help and --version, perhaps into `| head`
@@ -82,7 +83,7 @@ def run(arguments: Sequence[str] | None) -> int:
         if isinstance(error, ConnectionError) and in_frames:
             terminal.say(f"{error}{kept}")
             return report.INTERRUPTED
-        if not isinstance(error, (ValueError, OSError)):
+        if not isinstance(error, REFUSALS):
             raise  # the user's mistakes end in one sentence; this is a bug
         reason = as_typed(reason_of(error), job) if job else reason_of(error)
         reason += kept if WHEN_FULL in reason else ""
@@ -103,7 +104,7 @@ def _demo(job: jobs.DemoJob) -> int:
     if job.output is None:
         terminal.say(f"No window: {reason}. Working without one; the results go to {folder}.")
     if folder.exists() and not folder.is_dir():
-        raise ValueError(f"{folder} is a file; name a folder, existing or new")
+        raise InputError(f"{folder} is a file; name a folder, existing or new")
     folder.mkdir(parents=True, exist_ok=True)
     ours = Path(__file__).parents[1] / "data"
     refine = jobs.RefineJob(
@@ -180,7 +181,7 @@ def _compare(job: jobs.CompareJob) -> int:
 def _export_training(job: jobs.TrainingJob) -> int:
     split = Split(job.split, job.block, job.gap, job.seed)
     if is_inside(job.labels, job.output) or is_inside(job.image, job.output):
-        raise ValueError(
+        raise InputError(
             f"{job.output} contains a file that is read, and is not replaced; choose another name"
         )
     with open_frames(job.image, channel=job.channel, z=job.z) as images:

@@ -9,7 +9,7 @@ from typing import Literal
 
 from napari_splinesketch.cli.options import COUNT, POSITIVE, SHARE, flag_of, opt
 from napari_splinesketch.engine.settings import PresetName
-from napari_splinesketch.engine.types import Polarity
+from napari_splinesketch.engine.types import InputError, Polarity
 from napari_splinesketch.files import check_outputs, owned, same_file
 from napari_splinesketch.images.frames import is_part_of
 from napari_splinesketch.labels.formats import READERS, WRITERS
@@ -33,7 +33,7 @@ class Job:
             value = getattr(self, one.name)
             for number in value if isinstance(value, tuple) else (value,):
                 if number is not None and not fits(number):
-                    raise ValueError(f"{flag_of(one.name)} is {number}; give {words}")
+                    raise InputError(f"{flag_of(one.name)} is {number}; give {words}")
 
     def files(self, role: Literal["read", "written"]) -> tuple[Path, ...]:
         """Give every file that is written, or that is read beside the image."""
@@ -53,11 +53,11 @@ class Job:
             path, endings = getattr(self, one.name), one.metadata.get("written")
             if endings and path and path.suffix.lower() not in endings:
                 known = f"{', '.join(endings[:-1])} or {endings[-1]}"
-                raise ValueError(f"{path}: expected a name that ends with {known}")
+                raise InputError(f"{path}: expected a name that ends with {known}")
 
     @contextmanager
     def owning(self) -> Iterator[None]:
-        """Own the outputs. Raise ValueError if one cannot be written or is an input."""
+        """Own the outputs. Raise InputError if one cannot be written or is an input."""
         self.check()
         with ExitStack() as inside:
             for path in self.files("written"):
@@ -89,9 +89,9 @@ class ScaledJob(Job):
     def check(self) -> None:
         """Refuse an invalid size of a pixel, and outputs that could not be written."""
         if self.pixel_size is None and self.units:
-            raise ValueError("--units needs --pixel-size; give the size of a pixel too")
+            raise InputError("--units needs --pixel-size; give the size of a pixel too")
         if self.pixel_size is not None and len(self.pixel_size) > 2:
-            raise ValueError(
+            raise InputError(
                 f"--pixel-size has {len(self.pixel_size)} numbers; give one, or two (y and x)"
             )
         super().check()
@@ -148,7 +148,7 @@ class SharedJob(FrameJob):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.jobs > 1 and self.scheduler is not None:
-            raise ValueError("--jobs and --scheduler cannot be combined; choose one")
+            raise InputError("--jobs and --scheduler cannot be combined; choose one")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -284,7 +284,7 @@ class CompareJob(PlaneJob):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.image is not None and self.picture is None:
-            raise ValueError("--image is what --picture draws over; give --picture, too")
+            raise InputError("--image is what --picture draws over; give --picture, too")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -13,8 +13,7 @@ from napari_splinesketch.batch.frame_task import CurveReport, FrameDone, FrameRe
 from napari_splinesketch.cli.jobs import RefineJob, SuggestJob
 from napari_splinesketch.cli.run import Outcome, Todo, is_judged, judged, open_run
 from napari_splinesketch.cli.terminal import Report
-from napari_splinesketch.engine.types import Polarity
-from napari_splinesketch.images.frames import ImageError
+from napari_splinesketch.engine.types import InputError, Polarity
 from napari_splinesketch.images.pictures import write_overlay, write_reconstruction
 from napari_splinesketch.labels import Label, Labels, masks
 from napari_splinesketch.labels.formats import open_labels
@@ -83,7 +82,7 @@ def suggest(job: SuggestJob, report: Report) -> Outcome:
         images = work.images
         if job.frame is not None and not 0 <= job.frame < images.count:
             count = f"{images.name} has {images.count}, counted from 0"
-            raise ImageError(f"no frame {job.frame}: {count}")
+            raise InputError(f"no frame {job.frame}: {count}")
         frames = range(images.count) if job.frame is None else [job.frame]
         work.count = len(frames)
         options = (job.sensitivity, job.polarity, job.half_width)

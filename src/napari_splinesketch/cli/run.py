@@ -29,8 +29,9 @@ from napari_splinesketch.batch.partial import Partial, Spool
 from napari_splinesketch.cli.jobs import FrameJob, SharedJob
 from napari_splinesketch.cli.terminal import Report, was_interrupted
 from napari_splinesketch.engine.checks import check_call, check_options
+from napari_splinesketch.engine.types import InputError
 from napari_splinesketch.files import atomic, checksum_of_file, counted
-from napari_splinesketch.images.frames import Frames, ImageError, checksum, is_url, open_frames
+from napari_splinesketch.images.frames import Frames, checksum, is_url, open_frames
 from napari_splinesketch.labels import Label, Labels, masks, table
 from napari_splinesketch.labels.formats import writer_of
 from napari_splinesketch.labels.types import AnyLabels, ByFrame
@@ -99,7 +100,7 @@ class Run:
             self._shape = self._shape or shape
             if shape != self._shape:
                 height, width = shape
-                raise ValueError(
+                raise InputError(
                     f"frame {done.report.frame} has {height} x {width} px, and others have"
                     f" {self._shape[0]} x {self._shape[1]}; masks and reconstructions are of one"
                     " size: add --resume and leave them out, or refine each size on its own"
@@ -152,12 +153,12 @@ class Run:
         if done is None:
             return None
         if not done.sha256:
-            with suppress(ImageError):
+            with suppress(InputError):
                 self.images[frame]
                 return None
         elif not self._same or self._is_newer(frame):
             if checksum(self.images[frame]) != done.sha256:
-                raise ValueError(
+                raise InputError(
                     f"frame {frame} of {self.images.name} is not the one that the interrupted run"
                     f" in {self.partial.folder} has finished; delete that folder and start again"
                 )
@@ -244,17 +245,19 @@ def open_run(job: FrameJob, report: Report, drawn: AnyLabels | None = None) -> I
         if masked and drawn:
             masks.page_count(drawn)
         if masked or job.half_width is not None:
-            with suppress(ImageError):  # frames that cannot be read are reported one by one
-                height, width = images[0].shape
-                check_options((height, width), job.polarity, job.half_width)
-                if masked:
-                    masks.drawn_shape(Labels(shape=(height, width)))
+            shape: Any = ()
+            with suppress(InputError):  # frames that cannot be read are reported one by one
+                shape = images[0].shape
+            if shape:
+                check_options(shape, job.polarity, job.half_width)
+            if shape and masked:
+                masks.drawn_shape(Labels(shape=shape))
         head = Labels()
         # The last word is the user's; an image's may be wrong.
         for known in (drawn and drawn.head, images, job):
             if known and known.scale:
                 units = known.units if known is images else known.units or head.units
-                with suppress(ValueError) if known is images else nullcontext():
+                with suppress(InputError) if known is images else nullcontext():
                     head = Labels(scale=known.scale, units=units)
         others = [f.name for f in fields(job) if not {"read", "written"} & f.metadata.keys()]
         settings = {

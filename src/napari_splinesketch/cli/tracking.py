@@ -12,9 +12,9 @@ from napari_splinesketch.batch.frame_task import CurveReport, FrameDone, FrameRe
 from napari_splinesketch.cli.jobs import TrackJob
 from napari_splinesketch.cli.run import Outcome, Run, is_judged, judged, open_run
 from napari_splinesketch.cli.terminal import Report
-from napari_splinesketch.engine.types import Curve, Refinement
-from napari_splinesketch.files import counted, failure_of
-from napari_splinesketch.images.frames import ImageError, checksum
+from napari_splinesketch.engine.types import Curve, InputError, Refinement
+from napari_splinesketch.files import counted, reason_of
+from napari_splinesketch.images.frames import checksum
 from napari_splinesketch.labels import Label, Labels, read_labels
 from napari_splinesketch.labels.types import in_frames
 from napari_splinesketch.tracking import Body, Given, Tracked, View, after, follow
@@ -30,12 +30,12 @@ def run(job: TrackJob, report: Report) -> Outcome:
     sketches = job.sized(read_labels(job.sketches))
     drawn = {labels[0].frame: labels for labels in in_frames(sketches).read()}
     if not drawn:
-        raise ValueError(f"{job.sketches} has no line; draw or suggest some in the first frame")
+        raise InputError(f"{job.sketches} has no line; draw or suggest some in the first frame")
     with open_run(job, report, sketches) as work:
         first, count = min(drawn), work.images.count
         last = count - 1 if job.last is None else job.last
         if not 0 <= first <= last < count:
-            raise ImageError(
+            raise InputError(
                 f"cannot track from frame {first}, the first with sketches, to frame {last}: "
                 f"{work.images.name} has {count}, counted from 0"
             )
@@ -109,15 +109,15 @@ class _Film:
         except ConnectionError:  # where the film is: other frames would fail too
             raise
         except Exception as error:  # one bad frame must not stop the others
-            report = replace(report, error=failure_of(error))
+            report = replace(report, error=reason_of(error))
         self._known[frame] = report, curves
         return Given({i: c for i, c in curves.items() if c.status != "failed"})
 
     def _read(self, frame: int, lines: Sequence[np.ndarray]) -> View:
-        """Give the pixels, once: waiting frames do without. ImageError where there are none."""
+        """Give the pixels, once: waiting frames do without. InputError where there are none."""
         image, self._image = self._image, None
         if image is None:
-            raise ImageError(self._known[frame][0].error)
+            raise InputError(self._known[frame][0].error)
         return View(image)
 
     def _refine(self, image: Any, lines: Any, preset: Any, /, **more: Any) -> Refinement:

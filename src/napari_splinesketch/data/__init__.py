@@ -8,6 +8,8 @@ import pandas as pd
 import skimage.io
 from jaxtyping import Float, UInt8
 
+from napari_splinesketch.engine.types import InputError
+
 SampleName = Literal["worms_dense", "worms_swimming"]
 IMAGES: dict[SampleName, str] = {
     "worms_dense": "worms_dense.png",
@@ -33,7 +35,7 @@ def load_sample(
         (N, 2) row and col, or (N, 3) frame, row and col; px.
     """
     if name not in IMAGES:
-        raise ValueError(f"There is no sample {name!r}; choose one of {', '.join(IMAGES)}.")
+        raise InputError(f"There is no sample {name!r}; choose one of {', '.join(IMAGES)}.")
     with as_file(files(__name__) / IMAGES[name]) as path:
         image = skimage.io.imread(path)
     with as_file(files(__name__) / f"{name}_sketches.csv") as path:

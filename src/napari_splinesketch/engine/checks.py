@@ -1,4 +1,4 @@
-"""What `refine` and `suggest` are given: refused with a ValueError where it makes no sense."""
+"""What `refine` and `suggest` are given: refused with an InputError where it makes no sense."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from numbers import Integral
@@ -12,21 +12,21 @@ from jaxtyping import Float, Real
 from napari_splinesketch.engine import constants as const
 from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.settings import Settings
-from napari_splinesketch.engine.types import Array, Curve, Polarity
+from napari_splinesketch.engine.types import Array, Curve, InputError, Polarity
 
 
 def checked_image(image: Real[Array, "H W"]) -> Real[Array, "H W"]:
     """The image as an array, if it is one 2-D grey image with data in it."""
     image = np.asanyarray(image)
     if image.ndim != 2 or not image.size:
-        raise ValueError(f"image has shape {image.shape}; give one 2-D grey image (H, W).")
+        raise InputError(f"image has shape {image.shape}; give one 2-D grey image (H, W).")
     if image.dtype.kind not in "biuf":
-        raise ValueError(f"image has dtype {image.dtype}; give real numbers.")
+        raise InputError(f"image has dtype {image.dtype}; give real numbers.")
     if np.ma.is_masked(image):
         image = np.ma.filled(image.astype(np.result_type(image, np.float32)), np.nan)
     image = np.asarray(image)
     if image.dtype.kind == "f" and not any(np.isfinite(row).any() for row in image):
-        raise ValueError("image has no finite pixel; give an image with data in it.")
+        raise InputError("image has no finite pixel; give an image with data in it.")
     return image
 
 
@@ -38,12 +38,12 @@ def half_widths(shape: Sequence[int]) -> tuple[float, float]:
 def check_options(shape: tuple[int, ...], polarity: Polarity, half_width: float | None) -> None:
     """Refuse an unknown polarity, and a half-width that no body of the image can have."""
     if polarity not in get_args(Polarity):
-        raise ValueError(f"polarity is {polarity!r}; choose one of {get_args(Polarity)}.")
+        raise InputError(f"polarity is {polarity!r}; choose one of {get_args(Polarity)}.")
     thinnest, widest = half_widths(shape)
     if half_width is not None and not (
         isinstance(half_width, RealNumber) and thinnest <= half_width <= widest
     ):
-        raise ValueError(
+        raise InputError(
             f"half_width is {half_width!r}; give {thinnest} to {widest:g} px in an image of"
             f" {shape[0]} x {shape[1]} px, or None to have it measured."
         )
@@ -57,7 +57,7 @@ def checked_lines(
     `many` and `one` are their names, such as "sketches" and "sketch".
     """
     if isinstance(lines, str | Mapping) or not isinstance(lines, Iterable):
-        raise ValueError(
+        raise InputError(
             f"{many} is {short(lines)}; give a list of (N, 2) arrays, row and col in px."
         )
     return [checked_line(line, f"{one} {i}", finite=finite) for i, line in enumerate(lines)]
@@ -70,14 +70,14 @@ def checked_line(given: Any, name: str, *, finite: bool = False) -> Float[Array,
         line = line.astype(np.float64, casting="unsafe" if line.dtype.kind == "O" else "same_kind")
     # Text, complex numbers, rows of unequal length, numbers beyond 1e308.
     except (OverflowError, TypeError, ValueError):
-        raise ValueError(
+        raise InputError(
             f"{name} is {short(given)}; give (N, 2) numbers, row and col in px."
         ) from None
     line = np.asarray(np.ma.filled(line, np.nan))
     if line.ndim != 2 or line.shape[1] != 2 or not len(line):
-        raise ValueError(f"{name} has shape {line.shape}; give (N, 2) row, col with N ≥ 2 points.")
+        raise InputError(f"{name} has shape {line.shape}; give (N, 2) row, col with N ≥ 2 points.")
     if finite and not np.isfinite(line).all():
-        raise ValueError(f"{name} has numbers that are not finite; leave those points out.")
+        raise InputError(f"{name} has numbers that are not finite; leave those points out.")
     return line
 
 
@@ -85,7 +85,7 @@ def check_hold(settings: object, count: int) -> None:
     """Refuse settings that hold another number of sketches than there are."""
     hold = settings.hold if isinstance(settings, Settings) else None
     if hold is not None and len(hold) != count:
-        raise ValueError(f"hold has {len(hold)} for {count} sketches; give one Hold for each.")
+        raise InputError(f"hold has {len(hold)} for {count} sketches; give one Hold for each.")
 
 
 def checked_fixed(fixed: Sequence[Curve] | None) -> list[Curve]:
@@ -93,11 +93,11 @@ def checked_fixed(fixed: Sequence[Curve] | None) -> list[Curve]:
     curves = list(fixed) if isinstance(fixed, Iterable) else [] if fixed is None else [fixed]
     for curve in curves:
         if not isinstance(curve, Curve) or curve is fixed:
-            raise ValueError(
+            raise InputError(
                 f"fixed has {short(curve)}; give a list of curves, such as the curves of a result."
             )
         if len(curve.points) != len(curve.half_width):
-            raise ValueError(
+            raise InputError(
                 f"fixed has a curve of {len(curve.points)} points and {len(curve.half_width)} "
                 "half-widths; give one half-width for each point."
             )
@@ -107,11 +107,18 @@ def checked_fixed(fixed: Sequence[Curve] | None) -> list[Curve]:
 def check_call(on_progress: object, seed: object) -> None:
     """Refuse what cannot be called, and seeds that are no whole numbers of a usual size."""
     if on_progress is not None and not callable(on_progress):
-        raise ValueError(
+        raise InputError(
             f"on_progress is {on_progress!r}; give a function that takes a Progress, or None."
         )
     if not isinstance(seed, Integral) or abs(int(seed)) > const.LARGEST_SEED:
-        raise ValueError(f"seed is {seed!r}; give a whole number up to {const.LARGEST_SEED}.")
+        raise InputError(f"seed is {seed!r}; give a whole number up to {const.LARGEST_SEED}.")
+
+
+def check_sensitivity(sensitivity: float) -> None:
+    """Refuse what is no number from 0 to 1."""
+    value = np.asarray(sensitivity)
+    if value.ndim or value.dtype.kind not in "biuf" or not 0 <= value <= 1:
+        raise InputError(f"sensitivity is {sensitivity!r}; give a number from 0 to 1.")
 
 
 def fault(line: Float[Array, "N 2"], shape: Sequence[int]) -> str:

@@ -24,6 +24,7 @@ from napari_splinesketch.engine.types import (
     CANCELLED,
     Array,
     Curve,
+    InputError,
     OnProgress,
     Polarity,
     Progress,
@@ -82,7 +83,7 @@ def refine(
 
     Raises
     ------
-    ValueError
+    InputError
         Where the call makes no sense at all: no image, no finite pixel, a sketch that is not
         (N, 2), an unknown preset or polarity, a half-width that no body of the image can have,
         something else than curves, a function or a whole number where those are expected.
@@ -91,7 +92,7 @@ def refine(
     image = checks.checked_image(image)
     drawn = checks.checked_lines(sketches, "sketches", "sketch")
     if not isinstance(preset, Settings) and preset not in PRESETS:
-        raise ValueError(f"preset is {preset!r}; choose one of {', '.join(PRESETS)}.")
+        raise InputError(f"preset is {preset!r}; choose one of {', '.join(PRESETS)}.")
     checks.check_hold(preset, len(drawn))
     checks.check_options(image.shape, polarity, half_width)
     checks.check_call(on_progress, seed)

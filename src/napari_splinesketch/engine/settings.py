@@ -9,7 +9,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from napari_splinesketch.engine import constants as const
-from napari_splinesketch.engine.types import Polarity
+from napari_splinesketch.engine.types import InputError, Polarity
 
 PresetName = Literal["fast", "balanced", "thorough", "paper"]
 PRESETS: tuple[PresetName, ...] = get_args(PresetName)
@@ -45,7 +45,7 @@ class Hold:
     def __post_init__(self) -> None:
         known = all(isinstance(sd, Real) and 0 <= float(sd) < np.inf for sd in astuple(self))
         if not (known and self.across and self.stretch):
-            raise ValueError(f"hold is {self!r}; give finite standard errors above 0, px.")
+            raise InputError(f"hold is {self!r}; give finite standard errors above 0, px.")
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ class Settings:
 
     Raises
     ------
-    ValueError
+    InputError
         Where no curve can have such numbers of knots, or be held like that.
     """
 
@@ -80,10 +80,10 @@ class Settings:
             or not 2 <= knots[0] <= most
             or any(more <= number for number, more in pairwise(knots))
         ):
-            raise ValueError(
+            raise InputError(
                 f"knots is {knots!r}; give whole numbers in rising order, the first from 2 to"
                 f" {most}, such as (8, 12, 16)."
             )
         held = () if self.hold is None else self.hold
         if not (isinstance(held, Sequence) and all(isinstance(one, Hold) for one in held)):
-            raise ValueError(f"hold is {held!r}; give one Hold for each sketch, or None to search.")
+            raise InputError(f"hold is {held!r}; give one Hold for each sketch, or None to search.")

@@ -20,6 +20,10 @@ CANCELLED = "cancelled before it was done"
 POINTS = 100
 
 
+class InputError(ValueError):
+    """Something given that cannot be used: what it is, what is allowed, or what to do."""
+
+
 @dataclass(frozen=True, eq=False)
 class Curve:
     """One refined body: a natural cubic spline with its half-width and its uncertainty.

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Real
 
+from napari_splinesketch.engine.types import InputError
 from napari_splinesketch.files import INSTALL, is_inside, same_file, special
 
 LUMINANCE = np.array([0.2125, 0.7154, 0.0721], dtype=np.float32)
@@ -25,10 +26,6 @@ FILMS = (".avi", ".mp4", ".mov", ".mkv", ".webm")
 METRES = {"pm": 1e-12, "Å": 1e-10, "nm": 1e-9, "µm": 1e-6, "mm": 1e-3, "cm": 0.01, "m": 1.0}
 Scale = tuple[tuple[float, float], str] | tuple[None, None]
 """(y, x) size of a pixel, and its unit."""
-
-
-class ImageError(ValueError):
-    """An image that cannot be read: which, and what to do."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,13 +47,13 @@ class Frames:
     def __getitem__(self, index: int) -> Real[np.ndarray, "H W"]:
         """Read a frame; colour becomes luminance (Rec. 709), or one of its channels."""
         if not 0 <= index < self.count:
-            raise ImageError(f"no frame {index}: {self.name} has {self.count}, counted from 0")
+            raise InputError(f"no frame {index}: {self.name} has {self.count}, counted from 0")
         try:
             pixels = np.asarray(self.read(index))
         except ConnectionError:  # not the frame's fault: the next one would fail too
             raise
         except Exception as error:  # image libraries raise anything on a broken file
-            raise ImageError(f"{self.name}, frame {index}: cannot be read ({error})") from error
+            raise InputError(f"{self.name}, frame {index}: cannot be read ({error})") from error
         if self.channel is not None:
             return pixels[..., self.channel]
         if pixels.ndim == 3 and pixels.shape[2] in (3, 4):
@@ -64,7 +61,7 @@ class Frames:
         if pixels.ndim == 3 and pixels.shape[2] == 2:  # grey and how opaque it is
             return pixels[..., 0]
         if pixels.ndim != 2:
-            raise ImageError(f"{self.name}, frame {index}: shape {pixels.shape}; expected (H, W)")
+            raise InputError(f"{self.name}, frame {index}: shape {pixels.shape}; expected (H, W)")
         return pixels
 
 
@@ -83,7 +80,7 @@ def open_frames(
     """
     path = Path(pattern)
     if not pattern:
-        raise ImageError("the image has no name; give a file, a folder, a glob or a URL")
+        raise InputError("the image has no name; give a file, a folder, a glob or a URL")
     if path.is_file():
         return _file(path, channel, z)
     if is_url(pattern) or _is_zarr(path):
@@ -91,7 +88,7 @@ def open_frames(
             from napari_splinesketch.images.zarr_image import open_zarr
         except ImportError:
             needed = INSTALL.format("remote" if is_url(pattern) else "formats")
-            raise ImageError(f"{pattern}: Zarr needs a library; {needed}") from None
+            raise InputError(f"{pattern}: Zarr needs a library; {needed}") from None
         return open_zarr(pattern, channel, z)
     return _folder(pattern, channel, z)
 
@@ -122,7 +119,7 @@ def _is_zarr(path: Path) -> bool:
 def _file(path: Path, channel: int | None, z: int | None) -> AbstractContextManager[Frames]:
     suffix = path.suffix.lower()
     if path.exists() and (kind := special(path)):  # to open a pipe may take for ever
-        raise ImageError(f"{path}: {kind}; expected a file")
+        raise InputError(f"{path}: {kind}; expected a file")
     if suffix in TIFFS:
         from napari_splinesketch.images.tiff import open_tiff
 
@@ -131,7 +128,7 @@ def _file(path: Path, channel: int | None, z: int | None) -> AbstractContextMana
         return _still_or_film(path, suffix in FILMS, channel, z)
     allowed = ", ".join((*TIFFS, *STILLS, *FILMS))
     rest = f"{allowed}, OME-Zarr or a folder; save other images as TIFF"
-    raise ImageError(f"{path}: not an image; expected one of {rest}")
+    raise InputError(f"{path}: not an image; expected one of {rest}")
 
 
 @contextmanager
@@ -140,7 +137,7 @@ def _still_or_film(path: Path, moves: bool, channel: int | None, z: int | None) 
     import imageio.v3
 
     if moves and not find_spec("av"):  # imageio's own message does not say how to install it
-        raise ImageError(f"{path}: films need a library; {INSTALL.format('formats')}")
+        raise InputError(f"{path}: films need a library; {INSTALL.format('formats')}")
     plugin: Any = "pyav" if moves else "pillow"
     with ExitStack() as inside:
         try:
@@ -156,7 +153,7 @@ def _still_or_film(path: Path, moves: bool, channel: int | None, z: int | None) 
         except Exception as error:  # image libraries raise anything on a broken file
             kind = "a film" if moves else path.suffix[1:].upper()
             why = f"{path}: cannot be read as {kind} ({error}); save it again"
-            raise ImageError(why) from error
+            raise InputError(why) from error
         count = count or sum(1 for _ in imageio.v3.imiter(path, plugin=plugin))
         deep = moves and str(file.metadata()["video_format"]).startswith("gray1")
         colours = first.shape[2:] if first is not None else () if deep else (3,)
@@ -191,13 +188,13 @@ def _folder(pattern: str, channel: int | None, z: int | None) -> Iterator[Frames
     shown = (path for path in _matching(pattern) if not path.name.startswith("."))
     paths = sorted((path for path in shown if path.suffix.lower() in TIFFS + STILLS), key=_natural)
     if not paths:
-        raise ImageError(f"{pattern}: no such image, and no folder or glob with images in it")
+        raise InputError(f"{pattern}: no such image, and no folder or glob with images in it")
 
     def read(index: int) -> np.ndarray:
         with _file(paths[index], channel, z) as frames:
             if frames.count != 1:
                 many = f"{paths[index]} has {frames.count} frames; expected one per file"
-                raise ImageError(f"{many}: give that file alone to read them")
+                raise InputError(f"{many}: give that file alone to read them")
             return frames[0]
 
     scale, units = None, None
@@ -206,7 +203,7 @@ def _folder(pattern: str, channel: int | None, z: int | None) -> Iterator[Frames
             with _file(path, channel, z) as frames:
                 scale, units = frames.scale, frames.units
             break
-        except ImageError:
+        except InputError:
             if path == paths[-1]:
                 raise
     yield Frames(folder.absolute().name, len(paths), read, scale, units, paths)
@@ -251,22 +248,22 @@ def choose_planes(
     chosen = {"C": channel, "S": channel, "Z": z}
     for option, wanted, names in (("--channel", channel, "CS"), ("--z", z, "Z")):
         if wanted is not None and not set(names) & set(axes):
-            raise ImageError(f"{name} has no axis for {option}; leave it out")
+            raise InputError(f"{name} has no axis for {option}; leave it out")
     place = [0] * len(axes)
     frames = None
     for at, (axis, size) in enumerate(zip(axes, shape, strict=True)):
         wanted = chosen.get(axis)
         if wanted is not None and not 0 <= wanted < size:
-            raise ImageError(f"{name} has {size} along axis {axis}; there is no {wanted}")
+            raise InputError(f"{name} has {size} along axis {axis}; there is no {wanted}")
         if wanted is not None:
             place[at] = wanted
         elif size > 1 and axis in "CS":
             kind = "channels" if axis == "C" else "colour planes"
             more = "" if axis == "C" else "; if they are frames, save them as grey ones"
-            raise ImageError(f"{name} has {size} {kind}; choose one with --channel, from 0{more}")
+            raise InputError(f"{name} has {size} {kind}; choose one with --channel, from 0{more}")
         elif size > 1 and frames is not None:
             remedy = "choose one plane with --z" if z is None else "save one as an image of its own"
-            raise ImageError(f"{name} has two axes of frames, {axes[frames]} and {axis}; {remedy}")
+            raise InputError(f"{name} has two axes of frames, {axes[frames]} and {axis}; {remedy}")
         elif size > 1:
             frames = at
 

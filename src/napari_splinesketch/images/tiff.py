@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 import tifffile
 
-from napari_splinesketch.images.frames import Frames, ImageError, Scale, choose_planes, in_one_unit
+from napari_splinesketch.engine.types import InputError
+from napari_splinesketch.images.frames import Frames, Scale, choose_planes, in_one_unit
 from napari_splinesketch.labels.types import unit_of
 
 COLOURS = {tifffile.PHOTOMETRIC.RGB, tifffile.PHOTOMETRIC.YCBCR}
@@ -24,7 +25,7 @@ def open_tiff(path: Path, channel: int | None, z: int | None) -> Iterator[Frames
             file = inside.enter_context(tifffile.TiffFile(path))
             series, size = file.series[0], _scale(file)
         except Exception as error:  # tifffile raises anything on a broken file
-            raise ImageError(f"{path}: cannot be read as TIFF ({error})") from error
+            raise InputError(f"{path}: cannot be read as TIFF ({error})") from error
         own = _channel(series, path.name, channel)
         planes = _frames(file, series, path, channel if own is None else None, z)
         yield Frames(path.name, *planes, *size, channel=own)
@@ -52,7 +53,7 @@ def _frames(
     axes, shape = series.axes, series.shape
     colour = "S" if axes.endswith("YXS") else ""
     if not axes.endswith("YX" + colour):
-        raise ImageError(f"{path}: axes are {axes}; expected rows and columns (YX) last")
+        raise InputError(f"{path}: axes are {axes}; expected rows and columns (YX) last")
     # Other kinds say of themselves which images they hold, such as a slide and its label.
     plain, last = series.kind in ("generic", "shaped"), 2 + len(colour)
     if plain:
@@ -65,7 +66,7 @@ def _frames(
         kinds = dict.fromkeys(str(part.dtype) for part in parts)
         if len(kinds) > 1 and any(part.shape != size for part in parts):
             said = ", ".join(kinds)
-            raise ImageError(f"{path}: its stacks are {said}; save those of one type as a file")
+            raise InputError(f"{path}: its stacks are {said}; save those of one type as a file")
     planes = [choose_planes(path.name, p.axes[:-last], p.shape[:-last], channel, z) for p in parts]
     ends = np.cumsum([count for count, _ in planes])
     stack = lru_cache(1)(lambda part: parts[part].asarray())
@@ -100,7 +101,7 @@ def _require_one_size(path: Path, every: Sequence[tifffile.TiffPageSeries]) -> N
     ):
         shapes = dict.fromkeys([size, *(page.shape for page in others)])
         said = ", ".join(" x ".join(map(str, shape)) for shape in shapes)
-        raise ImageError(f"{path}: its pages are {said}; save those of one size as a file")
+        raise InputError(f"{path}: its pages are {said}; save those of one size as a file")
 
 
 def _scale(file: tifffile.TiffFile) -> Scale:

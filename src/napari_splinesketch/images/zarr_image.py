@@ -14,15 +14,9 @@ from zarr.abc.store import ByteRequest
 from zarr.core.buffer import Buffer, BufferPrototype
 from zarr.storage import FsspecStore
 
+from napari_splinesketch.engine.types import InputError
 from napari_splinesketch.files import INSTALL
-from napari_splinesketch.images.frames import (
-    Frames,
-    ImageError,
-    Scale,
-    choose_planes,
-    in_one_unit,
-    is_url,
-)
+from napari_splinesketch.images.frames import Frames, Scale, choose_planes, in_one_unit, is_url
 from napari_splinesketch.labels.types import unit_of
 
 SHORT = {"nanometer": "nm", "millimeter": "mm", "meter": "m"}
@@ -75,7 +69,7 @@ def open_zarr(address: str, channel: int | None, z: int | None) -> Iterator[Fram
             # In the version 0.5 place, or the one before it.
             images = attributes.get("ome", attributes).get("multiscales")
             if not images:
-                raise ValueError("no multiscales metadata: give the folder of one image")
+                raise InputError("no multiscales metadata: give the folder of one image")
             image, level = images[0], images[0]["datasets"][0]
             # Version 0.3 has names only, and those before it always have these five.
             named = image.get("axes", "tczyx")
@@ -90,13 +84,13 @@ def open_zarr(address: str, channel: int | None, z: int | None) -> Iterator[Fram
         axes = axes if len(axes) == len(shape) else "T" * leading + "YX"
     except ImportError as error:  # fsspec says which one
         needed = f"for https and s3, {INSTALL.format('remote')}"
-        raise ImageError(f"{address}: needs a library ({error}); {needed}") from None
+        raise InputError(f"{address}: needs a library ({error}); {needed}") from None
     except Exception as error:  # zarr raises anything on a broken store, and where none answers
         remedy = "; check the address, and whether its server answers" if is_url(address) else ""
-        raise ImageError(f"{address}: cannot be read as OME-Zarr ({error}){remedy}") from error
+        raise InputError(f"{address}: cannot be read as OME-Zarr ({error}){remedy}") from error
     if leading < 0 or not axes.endswith("YX") or (leading and shape[-1] < COLUMNS):
         what = f"axes are {axes} of {shape}"
-        raise ImageError(f"{address}: {what}; expected rows and columns (y, x) last")
+        raise InputError(f"{address}: {what}; expected rows and columns (y, x) last")
     name = PurePath(address.split("?")[0]).name
     count, place = choose_planes(name, axes[:leading], shape[:leading], channel, z)
 

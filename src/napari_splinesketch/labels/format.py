@@ -14,7 +14,7 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from napari_splinesketch.engine.types import POINTS
+from napari_splinesketch.engine.types import POINTS, InputError
 from napari_splinesketch.files import counted, printable, special
 from napari_splinesketch.labels.types import AnyLabels, ByFrame, Label, Labels, in_frames
 
@@ -37,7 +37,7 @@ MAX_BYTES = 2**28
 """Largest content of a zip that is unpacked; labels of it take about as much memory."""
 
 
-class LabelsError(ValueError):
+class LabelsError(InputError):
     """A file that cannot be read as labels: which file, where in it, and why."""
 
     def __init__(self, path: str | os.PathLike[str], place: str, reason: str) -> None:
@@ -53,7 +53,7 @@ class LabelsError(ValueError):
 def blamed(
     error: Callable[[str], LabelsError], kind: type[Exception] = ValueError
 ) -> Iterator[None]:
-    """Turn an error in the block, such as a ValueError of `Label`, into an error of a reader."""
+    """Turn an error in the block, such as an InputError of `Label`, into an error of a reader."""
     try:
         yield
     except LabelsError:
@@ -105,9 +105,9 @@ class Source:
                 yield label
 
     def refuse_again(self, frame: int, curve: int) -> None:
-        """Raise ValueError where a curve was given before."""
+        """Raise InputError where a curve was given before."""
         if (frame, curve) in self._known:
-            raise ValueError(
+            raise InputError(
                 f"curve {curve} occurs twice in frame {frame}; each body of a frame needs its own "
                 "number, and its points must follow one another"
             )
@@ -242,7 +242,7 @@ class Format:
     def write_whole(self, path: Path, labels: AnyLabels) -> tuple[str, ...]:
         """Write a file that does not exist yet; returns what it has no place for."""
         if self.write is None:
-            raise ValueError(f"{self.name} can be read only")
+            raise InputError(f"{self.name} can be read only")
         self.write(path, labels)
         lost = self._lost(labels)
         if isinstance(labels, ByFrame):
@@ -269,5 +269,5 @@ class Format:
 
     def _reader(self) -> Read:
         if self.read is None:
-            raise ValueError(f"{self.name} can be written only")
+            raise InputError(f"{self.name} can be written only")
         return self.read

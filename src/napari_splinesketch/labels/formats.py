@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from napari_splinesketch.engine.types import Curve, Refinement, Sketches
+from napari_splinesketch.engine.types import Curve, InputError, Refinement, Sketches
 from napari_splinesketch.files import INSTALL, atomic, owned
 from napari_splinesketch.labels import (
     coco,
@@ -62,18 +62,18 @@ def reader_of(path: str | os.PathLike[str]) -> Format:
 
 
 def writer_of(path: str | os.PathLike[str]) -> Format:
-    """Find the format in which a file of this name is written; ValueError where none can be."""
+    """Find the format in which a file of this name is written; InputError where none can be."""
     name = Path(path).name
     fitting = [form for form in WRITERS if name.lower().endswith(form.suffix)]
     if not fitting:
         allowed = ", ".join(f"{form.suffix} ({form.name})" for form in WRITERS)
-        raise ValueError(f"{name}: no format has this ending; expected one of {allowed}")
+        raise InputError(f"{name}: no format has this ending; expected one of {allowed}")
     found = max(fitting, key=lambda form: len(form.suffix))
     for form in READERS:
         if form is not found and len(form.ending(path)) > len(found.suffix):
-            raise ValueError(f"{name}: {form.name} is written with the ending {form.suffix}")
+            raise InputError(f"{name}: {form.name} is written with the ending {form.suffix}")
     if found.needs and not find_spec(found.needs.replace("-", "_")):
-        raise ValueError(f"{found.name} files need {found.needs}; {INSTALL.format('formats')}")
+        raise InputError(f"{found.name} files need {found.needs}; {INSTALL.format('formats')}")
     return found
 
 
@@ -150,7 +150,7 @@ def labelled(lines: Any) -> AnyLabels:
                 line = Label.from_sketch(np.asanyarray(line, np.float64), identity=i)
             found.append(line)
     except (TypeError, ValueError) as error:
-        raise ValueError(
+        raise InputError(
             f"labels is {short(lines)} ({error}); give Labels, a refinement, or a list of curves "
             "or of sketches (N, 2)"
         ) from None

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 from roifile import ROI_TYPE, ImagejRoi
 
-from napari_splinesketch.engine.types import Array
+from napari_splinesketch.engine.types import Array, InputError
 from napari_splinesketch.labels.format import Format, Source, blamed, checksum, unpacked
 from napari_splinesketch.labels.types import AnyLabels, Label
 
@@ -34,7 +34,7 @@ def write(path: Path, labels: AnyLabels) -> None:
 
 def _roi(label: Label) -> ImagejRoi:
     if label.frame > MAX_FRAME:
-        raise ValueError(f"frame {label.frame} is more than an ImageJ ROI can hold ({MAX_FRAME})")
+        raise InputError(f"frame {label.frame} is more than an ImageJ ROI can hold ({MAX_FRAME})")
     roi = ImagejRoi.frompoints(label.points[:, ::-1], name=f"{label.frame}-{label.curve}")
     roi.roitype = ROI_TYPE.POLYLINE
     roi.position = roi.t_position = label.frame + 1
@@ -67,11 +67,11 @@ def _require_whole(content: bytes) -> None:
     if start == 0:  # as ImageJ wrote them before 2010, without a second header
         return
     if start < HEADER or len(content) < start + HEADER:
-        raise ValueError(f"cut off at byte {len(content)}")
+        raise InputError(f"cut off at byte {len(content)}")
     for place in (start + 16, start + 40):  # where its name and its properties are
         offset, length = struct.unpack(">ii", content[place : place + 8])
         if offset + 2 * length > len(content):
-            raise ValueError(f"cut off at byte {len(content)}")
+            raise InputError(f"cut off at byte {len(content)}")
 
 
 def _labels(source: Source, roi: ImagejRoi, points: Float[Array, "N 2"]) -> Sequence[Label]:
@@ -89,7 +89,7 @@ def _labels(source: Source, roi: ImagejRoi, points: Float[Array, "N 2"]) -> Sequ
         half_width, sd, told = (np.array([float(word) for word in text.split()]) for text in texts)
         status = own[f"{OURS}status"]
     except (KeyError, ValueError) as error:
-        raise ValueError(f"its properties {OURS}... are damaged ({error})") from None
+        raise InputError(f"its properties {OURS}... are damaged ({error})") from None
     at = frame or plane  # in stacks without times, ImageJ counts planes
     moved = plane if len(told) and at != told[-1] else None
     line = Label.from_sketch(points, frame=at if moved is None else frame, identity=curve)

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 from napari_splinesketch import __version__
-from napari_splinesketch.engine.types import Array
+from napari_splinesketch.engine.types import Array, InputError
 from napari_splinesketch.labels.format import LabelsError, Source, blamed, checksum, open_regular
 from napari_splinesketch.labels.types import Label, Labels
 
@@ -26,7 +26,7 @@ T = TypeVar("T")
 
 def _refuse(value: object) -> NoReturn:
     kind = type(value).__name__
-    raise ValueError(f"JSON holds no {kind}; give numbers, texts, lists and dicts")
+    raise InputError(f"JSON holds no {kind}; give numbers, texts, lists and dicts")
 
 
 encode = json.JSONEncoder(

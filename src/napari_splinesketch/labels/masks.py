@@ -8,7 +8,7 @@ import numpy as np
 import tifffile
 from jaxtyping import Integer
 
-from napari_splinesketch.engine.types import Array
+from napari_splinesketch.engine.types import Array, InputError
 from napari_splinesketch.labels.format import Format
 from napari_splinesketch.labels.types import AnyLabels, in_frames
 from napari_splinesketch.raster import label_image
@@ -53,13 +53,13 @@ def write(path: Path, labels: AnyLabels) -> None:
 
 
 def page_count(labels: AnyLabels) -> int:
-    """Count the pages of masks; ValueError where masks cannot hold a frame or an identity."""
+    """Count the pages of masks; InputError where masks cannot hold a frame or an identity."""
     frames, highest = in_frames(labels).frames, labels.facts.highest
     count = int(frames[-1]) + 1 if len(frames) else 1
     if count > MAX_FRAMES:
-        raise ValueError(f"frame {count - 1} is beyond {MAX_FRAMES} frames, the most of masks")
+        raise InputError(f"frame {count - 1} is beyond {MAX_FRAMES} frames, the most of masks")
     if highest >= np.iinfo(np.uint32).max:
-        raise ValueError(f"identity {highest} does not fit into a pixel; number curves from 0")
+        raise InputError(f"identity {highest} does not fit into a pixel; number curves from 0")
     return count
 
 
@@ -70,11 +70,11 @@ def image_shape(labels: AnyLabels) -> tuple[int, int]:
 
 
 def drawn_shape(labels: AnyLabels) -> tuple[int, int]:
-    """Give the shape of an image that is to be drawn; ValueError where it is too large."""
+    """Give the shape of an image that is to be drawn; InputError where it is too large."""
     height, width = image_shape(labels)
     if height * width > MAX_PIXELS:
         size = f"{height} × {width} px are too large to be drawn, {MAX_PIXELS} at most"
-        raise ValueError(f"{size}; leave masks out, or give the image's shape if it is smaller")
+        raise InputError(f"{size}; leave masks out, or give the image's shape if it is smaller")
     return height, width
 
 

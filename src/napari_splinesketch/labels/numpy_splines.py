@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Shaped
 
-from napari_splinesketch.engine.types import Array
+from napari_splinesketch.engine.types import Array, InputError
 from napari_splinesketch.labels.format import Format, LabelsError, Source, blamed, open_regular
 from napari_splinesketch.labels.types import Label
 
@@ -44,7 +44,7 @@ def _array(path: Path) -> Shaped[Array, "..."]:
         if file.read(2) != b"PK":
             found = np.load(path, mmap_mode="r")
             if found.offset + found.nbytes < path.stat().st_size:
-                raise ValueError("it continues after its last number")
+                raise InputError("it continues after its last number")
             return found
         file.seek(0)
         found = np.load(file)

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from napari_splinesketch.engine.types import InputError
 from napari_splinesketch.labels import table
 from napari_splinesketch.labels.format import Format, Source
 from napari_splinesketch.labels.types import AnyLabels, Label, in_frames
@@ -45,7 +46,7 @@ def read(source: Source) -> Iterator[Label]:
         kind = columns["shape-type"]
         if kind not in LINES + AREAS:
             allowed = ", ".join(LINES + AREAS)
-            raise ValueError(f"shape-type is {kind[:40]!r}; expected one of {allowed}")
+            raise InputError(f"shape-type is {kind[:40]!r}; expected one of {allowed}")
         if kind in AREAS or len(lines) < 2:
             source.left_out[kind if kind in AREAS else "point"] += 1
         else:
@@ -55,7 +56,7 @@ def read(source: Source) -> Iterator[Label]:
 def _check_axes(header: Sequence[str]) -> None:
     axes = sorted(name for name in header if name.startswith("axis-"))
     if axes not in (list(AXES[:2]), list(AXES)):
-        raise ValueError(
+        raise InputError(
             f"columns {', '.join(axes)[:80]}; expected axis-0 and axis-1 (row, col), or also "
             "axis-2 (frame, row, col)"
         )
@@ -65,9 +66,9 @@ def _sketch(columns: dict[str, Any]) -> Label:
     axes = [columns[name] for name in AXES if name in columns]
     frames = np.round(axes[0]) if len(axes) == 3 else np.zeros(1)
     if not np.all(frames == frames[0]):
-        raise ValueError("the shape spans several frames; draw it in one")
+        raise InputError("the shape spans several frames; draw it in one")
     if not 0 <= frames[0] < 2**53:
-        raise ValueError(f"axis-0 is {frames[0]:g}; expected the frame, a number from 0")
+        raise InputError(f"axis-0 is {frames[0]:g}; expected the frame, a number from 0")
     points, number = np.column_stack(axes[-2:]), columns["index"]
     return Label.from_sketch(points, frame=int(frames[0]), identity=number)
 

@@ -6,6 +6,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+from napari_splinesketch.engine.types import InputError
 from napari_splinesketch.labels import json_tree
 from napari_splinesketch.labels.coco import image_name
 from napari_splinesketch.labels.format import Format
@@ -20,7 +21,7 @@ def write(path: Path, labels: AnyLabels) -> None:
     sleap_io = import_module("sleap_io")
     size, bodies = evenly_sampled(labels)
     if size > MOST:
-        raise ValueError(
+        raise InputError(
             f"a SLEAP file holds at most {MOST} points a curve, and these have {size}; "
             "resample them, or choose another format"
         )

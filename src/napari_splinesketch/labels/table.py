@@ -15,7 +15,7 @@ from typing import Any, TextIO
 import numpy as np
 from jaxtyping import Float
 
-from napari_splinesketch.engine.types import Array
+from napari_splinesketch.engine.types import Array, InputError
 from napari_splinesketch.files import counted
 from napari_splinesketch.geometry import width_growth
 from napari_splinesketch.labels.format import Format, LabelsError, Source, open_regular
@@ -102,7 +102,7 @@ def read(source: Source) -> Iterator[Label]:
     for lines, columns in read_curves(source, KINDS, REQUIRED, BY, COUNT):
         if len(lines) < 2:
             where = f"curve {columns['curve']} of frame {columns.get('frame') or 0}"
-            raise ValueError(f"{where}: one row; expected at least 2, which follow one another")
+            raise InputError(f"{where}: one row; expected at least 2, which follow one another")
         scale.add(lines, columns)
         yield _label(columns)
     source.place = "line 2"
@@ -115,7 +115,7 @@ def _label(columns: dict[str, Any]) -> Label:
     known |= {name: it for name, it in columns.items() if not isinstance(it, str) or it}
     if known["locked"] > 1:
         where = f"curve {known['curve']} of frame {known['frame']}"
-        raise ValueError(f"{where}: locked is {known['locked']}; expected 1 or 0")
+        raise InputError(f"{where}: locked is {known['locked']}; expected 1 or 0")
     points = np.column_stack([known["row"], known["col"]])
     along = points, known["half_width"], known["sd"]
     words = known["status"], known["review"], bool(known["locked"])
@@ -137,7 +137,7 @@ class _Scale:
         if self._units is None:
             self._units = columns["units"]
         if columns["units"] != self._units:
-            raise ValueError(f"units are {columns['units']!r} here but {self._units!r} above")
+            raise InputError(f"units are {columns['units']!r} here but {self._units!r} above")
         for axis, (name, pixel) in enumerate((("y", "row"), ("x", "col"))):
             size = self._sizes[axis] = self._sizes[axis] or _factor(columns[pixel], columns[name])
             if size is None:  # the curve lies on this axis; later curves tell
@@ -192,7 +192,7 @@ def read_curves(
 
     Columns may be in any order, and there may be others. What is empty and not required is given as
     an empty string. No more than one curve is held. Columns `by`, frame and number, distinguish
-    curves, and `count` counts the rows of one from 0; `check` raises ValueError for columns that it
+    curves, and `count` counts the rows of one from 0; `check` raises InputError for columns that it
     does not accept.
     """
     with open_regular(source.path) as raw, io.TextIOWrapper(raw, "utf-8-sig", newline="") as file:
@@ -290,4 +290,4 @@ def whole(text: str) -> int:
     text = text.removesuffix(".0")
     if text.isascii() and text.isdigit() and len(text) < 20 and int(text) <= MAX_INTEGER:
         return int(text)
-    raise ValueError(f"{text[:40]!r} is not {WHOLE}")
+    raise InputError(f"{text[:40]!r} is not {WHOLE}")

@@ -12,7 +12,7 @@ from typing import Any, Literal, Self, get_args
 import numpy as np
 from jaxtyping import Float, Int
 
-from napari_splinesketch.engine.types import POINTS, Array, Curve
+from napari_splinesketch.engine.types import POINTS, Array, Curve, InputError
 from napari_splinesketch.files import counted
 
 LabelStatus = Literal["good", "check", "failed", "sketch"]
@@ -60,7 +60,7 @@ class Label:
         for name in ("frame", "curve"):
             number = index(getattr(self, name))
             if not 0 <= number <= MAX_INTEGER:
-                raise ValueError(f"{name} is {number}: expected a whole number from 0 to 2^63 - 1")
+                raise InputError(f"{name} is {number}: expected a whole number from 0 to 2^63 - 1")
             object.__setattr__(self, name, number)
         for name, missing in (("points", np.nan), ("half_width", np.nan), ("sd", np.inf)):
             array = np.array(getattr(self, name), dtype=np.float64, subok=True)
@@ -68,7 +68,7 @@ class Label:
             array.flags.writeable = False
             object.__setattr__(self, name, array)
         if problem := _problem(self):
-            raise ValueError(f"curve {self.curve} of frame {self.frame}: {problem}")
+            raise InputError(f"curve {self.curve} of frame {self.frame}: {problem}")
 
     @classmethod
     def from_curve(cls, curve: Curve, *, frame: int = 0, identity: int = 0, **said: Any) -> Self:
@@ -126,7 +126,7 @@ class Labels:
     def __post_init__(self) -> None:
         object.__setattr__(self, "labels", tuple(self.labels))
         if others := [each for each in self.labels if not isinstance(each, Label)]:
-            raise ValueError(f"labels has {short(others[0])}; Label.from_curve labels a curve")
+            raise InputError(f"labels has {short(others[0])}; Label.from_curve labels a curve")
         object.__setattr__(self, "provenance", MappingProxyType(dict(self.provenance)))
         if self.scale is not None:
             _check_pair("scale", "(y, x) size of a pixel", self.scale, 1 / MAX_SCALE, MAX_SCALE)
@@ -135,13 +135,13 @@ class Labels:
             _check_pair("shape", "(H, W) of the image", self.shape, 1, MAX_COORDINATE)
             object.__setattr__(self, "shape", tuple(map(index, self.shape)))
         if self.units is not None and self.scale is None:
-            raise ValueError(f"units are {self.units!r} but scale is None; give a pixel's size too")
+            raise InputError(f"units are {self.units!r} but scale is None; give a pixel's size too")
         if self.units is not None and not (self.units.strip() and self.units.isprintable()):
-            raise ValueError(f"units are {self.units!r}; expected a unit's name, such as 'µm'")
+            raise InputError(f"units are {self.units!r}; expected a unit's name, such as 'µm'")
         seen = set()
         for label in self.labels:
             if (label.frame, label.curve) in seen:
-                raise ValueError(
+                raise InputError(
                     f"curve {label.curve} occurs twice in frame {label.frame}; "
                     "give every body of a frame its own identity"
                 )
@@ -175,7 +175,7 @@ class Labels:
         identities = range(len(curves)) if ids is None else tuple(ids)
         if len(identities) != len(curves):
             numbers = f"{len(curves)} and {len(identities)}"
-            raise ValueError(f"curves and ids are not as many, but {numbers}; give one each")
+            raise InputError(f"curves and ids are not as many, but {numbers}; give one each")
         labels = tuple(
             Label.from_curve(curve, frame=frame, identity=identity)
             for curve, identity in zip(curves, identities, strict=True)
@@ -187,7 +187,7 @@ class Labels:
         if not self.in_units:
             return replace(self, scale=scale, units=units or self.units)
         if units is not None and unit_of(units) != self.units:
-            raise ValueError(
+            raise InputError(
                 f"the lines are in {self.units}; give the size of a pixel in that unit"
             )
         labels = tuple(replace(label, points=label.points / scale) for label in self.labels)
@@ -315,4 +315,4 @@ def _problem(label: Label) -> str | None:
 
 def _check_pair(name: str, what: str, pair: Sequence[float], least: float, most: float) -> None:
     if np.shape(pair) != (2,) or not all(least <= each <= most for each in pair):
-        raise ValueError(f"{name} is {pair}; expected {what}, from {least:g} to {most:g}")
+        raise InputError(f"{name} is {pair}; expected {what}, from {least:g} to {most:g}")

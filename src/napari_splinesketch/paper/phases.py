@@ -14,6 +14,7 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float, Int
 
 from napari_splinesketch.engine.fit.fit_scene import Centrelines
+from napari_splinesketch.engine.types import InputError
 from napari_splinesketch.paper.blobs import (
     Blobs,
     Canvas,
@@ -83,7 +84,7 @@ class PaperSettings:
     def __post_init__(self) -> None:
         """Refuse what could not run."""
         if self.knots < 3 or self.seeds < 1 or self.spacing <= 0:
-            raise ValueError(
+            raise InputError(
                 f"{self} cannot run: it needs at least 3 knots and 1 seed, and a spacing above 0."
             )
 

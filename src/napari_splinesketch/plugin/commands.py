@@ -9,7 +9,7 @@ from napari.components import ViewerModel
 from napari.utils.key_bindings import coerce_keybinding
 
 from napari_splinesketch import editing
-from napari_splinesketch.engine.types import Curve
+from napari_splinesketch.engine.types import Curve, InputError
 from napari_splinesketch.plugin import films, words
 from napari_splinesketch.plugin.layers import looks, space
 from napari_splinesketch.plugin.model import Key, Record, Review, key_of
@@ -57,7 +57,7 @@ def _split(c: Controller, record: Record) -> list[Record]:
 
 def _join(c: Controller, first: Record, second: Record) -> list[Record]:
     if first.frame != second.frame:
-        raise ValueError("Select two curves of this frame to join.")
+        raise InputError("Select two curves of this frame to join.")
     return [edited(first, editing.joined(first.curve, second.curve))]
 
 
@@ -75,9 +75,9 @@ def _shape(verb: str, change: Callable[..., list[Record]]) -> Callable[[Controll
         locked = [record for record in chosen if record.locked]
         try:
             if locked:
-                raise ValueError(words.locked(locked))
+                raise InputError(words.locked(locked))
             made = change(c, *chosen)
-        except ValueError as error:
+        except InputError as error:
             c.say(str(error))
             return False
         keys, before = list(map(key_of, made)), list(map(key_of, chosen))
@@ -92,9 +92,9 @@ def _shape(verb: str, change: Callable[..., list[Record]]) -> Callable[[Controll
 def _place_beside(c: Controller, record: Record) -> np.ndarray:
     """Where the pointer is, px; for a button, where the curve was clicked."""
     if problem := space.plane_problem(c.viewer, c.image):
-        raise ValueError(problem)
+        raise InputError(problem)
     if c.actions.by_button and not _reached(record, c.clicked):
-        raise ValueError("Click the curve there first, or point there and press the key.")
+        raise InputError("Click the curve there first, or point there and press the key.")
     return c.clicked if c.actions.by_button else _place(c)
 
 

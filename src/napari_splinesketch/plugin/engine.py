@@ -131,8 +131,9 @@ class _Worker(threading.Thread):
         try:
             self.outcome = "done", self._work.pop()(self._report)
         except Exception as error:
-            fault = not self.cancelled and logged("Work beside the window failed", error)
-            self.outcome = "failed", f"{type(error).__name__}: " * fault + reason_of(error)
+            if not self.cancelled:
+                logged("Work beside the window failed", error)
+            self.outcome = "failed", reason_of(error)
 
     def _report(self, progress: Progress) -> bool:
         self.news = progress

@@ -27,7 +27,7 @@ from napari_splinesketch import editing, palette
 from napari_splinesketch.data import load_sample
 from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.settings import Settings
-from napari_splinesketch.engine.types import POINTS, Curve, OnProgress, Progress, Status
+from napari_splinesketch.engine.types import POINTS, Curve, InputError, OnProgress, Progress, Status
 from napari_splinesketch.files import counted
 from napari_splinesketch.geometry import thinned, with_width
 from napari_splinesketch.labels import Label, Labels, LabelsError, shapes_csv, table
@@ -215,7 +215,7 @@ def labels_of_layer(shapes: Sequence[Float[np.ndarray, "N D"]], meta: Mapping[st
         frames = space.frame_numbers(owner.image, np.array([line[0] for line in shapes]))
     elif any(line.shape[1] > 3 for line in shapes):
         many = "These lines have a time and a plane; labels have one number for both"
-        raise ValueError(f"{many}. Refine and Export them, or save them as napari's own CSV.")
+        raise InputError(f"{many}. Refine and Export them, or save them as napari's own CSV.")
     # What is drawn or pasted into the layer has the number of another line there, or none.
     free, labels = count(max([0, *numbers]) + 1), dict[tuple[int, int], Label]()
     for line, kind, number, frame in zip(shapes, meta["shape_type"], numbers, frames, strict=True):

@@ -276,7 +276,7 @@ class Keeper:
     def choose(self, **chosen: object) -> None:
         """Take settings that the user chose, and keep them for other sessions.
 
-        ValueError where napari knows of no such choice.
+        InputError where napari knows of no such choice.
         """
         wanted = replace(self.settings, **chosen)
         try:

@@ -11,9 +11,8 @@ from napari.utils.theme import get_theme
 from qtpy.QtCore import QRectF, Qt
 from superqt.utils import qdebounced
 
-from napari_splinesketch.engine.types import Curve
+from napari_splinesketch.engine.types import Curve, InputError
 from napari_splinesketch.grids import Along
-from napari_splinesketch.images.frames import ImageError
 from napari_splinesketch.plugin.columns import RAMP, half_widths
 from napari_splinesketch.plugin.layers import results, space
 from napari_splinesketch.plugin.layers.pictures import residual_along
@@ -61,7 +60,7 @@ def profiles(work: results.Work, record: Record, ruler: space.Ruler) -> tuple[Pl
     plot = Plot(f"Half-width ± sd ({unit})", unit, along, width, False, sd)
     try:
         rest = residual_along(work.image, patch, record) if patch else None
-    except ImageError as error:
+    except InputError as error:
         return plot, str(error)
     return plot, NO_MODEL if rest is None else Plot(RESIDUAL, unit, along, rest)
 

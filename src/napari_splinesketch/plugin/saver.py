@@ -17,6 +17,7 @@ from napari.layers import Image
 from platformdirs import user_data_path
 from superqt.utils import qthrottled
 
+from napari_splinesketch.engine.types import InputError
 from napari_splinesketch.files import LONGEST_NAME, logged, owned, reason_of
 from napari_splinesketch.labels import LabelsError
 from napari_splinesketch.plugin import engine, sessions, words
@@ -199,7 +200,7 @@ class Saver:
             style = line_style(size_of(image))
             yield from add_shapes(layer, data, [s.kind for s in drawn], **style)
             if image not in controller.viewer.layers:
-                raise ValueError("the image was removed")
+                raise InputError("the image was removed")
             left = [w for w in pictures.OWNERS.values() if w.image is image]
             for work in [w for w in left if folder.path and w.folder.path == folder.path]:
                 work.begin(layer)  # of lines that were removed: its results are there
@@ -211,7 +212,7 @@ class Saver:
                 controller.apply("", session.state)
         except Exception as error:
             logged("Saved work could not be brought back", error)
-            problems.append(f"{session.layer}: {type(error).__name__}: {error}.")
+            problems.append(f"{session.layer}: {reason_of(error)}.")
             folder.release()
         else:
             controller.work_on(image, layer).folder = folder

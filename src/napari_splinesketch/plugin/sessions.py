@@ -23,7 +23,7 @@ import pydantic
 from pydantic import AwareDatetime, FailFast, Field, NonNegativeInt, PlainSerializer
 
 from napari_splinesketch import __version__
-from napari_splinesketch.engine.types import Curve, Status
+from napari_splinesketch.engine.types import Curve, InputError, Status
 from napari_splinesketch.files import BusyError, atomic, counted, owned
 from napari_splinesketch.grids import Grid, Patch
 from napari_splinesketch.labels import Label, LabelsError
@@ -47,13 +47,13 @@ def _rows(columns: int) -> pydantic.PlainValidator:
 
     def unpack(value: Any) -> np.ndarray:
         if not isinstance(value, str):
-            raise ValueError("is no string")
+            raise InputError("is no string")
         packed, least = a2b_base64(value, strict_mode=True), min(columns, 2)
         if len(packed) % (8 * columns) or len(packed) < 8 * columns * least:
-            raise ValueError(f"has {len(packed)} bytes, not {least} or more rows of {columns}")
+            raise InputError(f"has {len(packed)} bytes, not {least} or more rows of {columns}")
         numbers = np.frombuffer(packed, "<f8").astype(float).reshape(-1, columns)
         if columns > 1 and not (np.abs(numbers[:, :2]) < MAX_COORDINATE).all():
-            raise ValueError("has a point that is nowhere")
+            raise InputError("has a point that is nowhere")
         return numbers if columns > 1 else numbers[:, 0]
 
     return pydantic.PlainValidator(unpack)
@@ -134,7 +134,7 @@ class _Record(_File):
 def _record(flat: _Record, info: Any) -> Record:
     values: dict[str, Any] = dict(flat) | {"residual": float(flat.residual[0])}
     curve = Curve(**{each.name: values.pop(each.name) for each in fields(Curve)})
-    # What no label can be, no curve can: ValueError.
+    # What no label can be, no curve can: InputError.
     Label.from_curve(curve, frame=info.context, identity=flat.id)
     return Record(frame=info.context, curve=curve, **values)
 
@@ -155,9 +155,9 @@ class Page(_File):
     def _is_possible(self) -> "Page":
         for shape in self.sketches:
             if len(shape.points) not in VERTICES[shape.kind]:
-                raise ValueError(f"has a {shape.kind} of {len(shape.points)} vertices")
+                raise InputError(f"has a {shape.kind} of {len(shape.points)} vertices")
         if len({record.id for record in self.records}) < len(self.records):
-            raise ValueError("has a curve twice")
+            raise InputError("has a curve twice")
         return self
 
 
@@ -196,7 +196,7 @@ class Head(_File):
     @classmethod
     def _is_known(cls, number: int) -> int:
         if number > FORMAT:
-            raise ValueError(NEWER)
+            raise InputError(NEWER)
         return number
 
 
@@ -319,18 +319,18 @@ def _read_patch(path: Path, size: tuple[int, int]) -> Patch:
     try:
         with zipfile.ZipFile(path) as archive:
             if max(packed.file_size for packed in archive.infolist()) > most:
-                raise ValueError("has more pixels than the image")
+                raise InputError("has more pixels than the image")
         with np.load(path) as arrays:
             place, pixels, background = (arrays.get(n) for n in ("place", "pixels", "background"))
         held = [array for array in (place, pixels, background) if array is not None]
         whole = pixels.size and pixels.ndim == 2 and held[-1].shape == pixels.shape
         if {array.dtype.kind for array in held} != {"f"} or place.shape != (2, 2) or not whole:
-            raise ValueError("expected an origin, a step, pixels, and as many of the background")
+            raise InputError("expected an origin, a step, pixels, and as many of the background")
         if not (np.isfinite(place).all() and (place[1] >= 1).all()):
-            raise ValueError("expected a step from 1")
+            raise InputError("expected a step from 1")
         last = place[0] + place[1] * (np.array(pixels.shape) - 1)
         if (place[0] < -0.5).any() or (last > np.array(size) - 0.5).any():
-            raise ValueError("lies outside of the image")
+            raise InputError("lies outside of the image")
     except Exception as error:  # NumPy and zipfile raise nearly anything for a spoilt file
         raise LabelsError(path, "", f"is no picture that was saved ({error})") from None
     return Patch(Grid(place[0], place[1]), pixels, background)

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from napari_splinesketch.engine.spline import apart, neighbours
+from napari_splinesketch.engine.types import InputError
 from napari_splinesketch.metrics import POINTS, resample
 
 _BEND_SD = (1.3, 2.1, 1.9, 1.1)
@@ -35,7 +36,7 @@ def random_curve(rng: np.random.Generator, length: float, half_width: float, ben
         curve = resample(np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)]))
         if not _nears_itself(curve, length, half_width):
             return curve - curve.mean(axis=0)
-    raise ValueError(
+    raise InputError(
         f"No body of length {length:g} px and half-width {half_width:g} px can be bent by "
         f"{bend:g}; make it longer, thinner or straighter."
     )
@@ -86,7 +87,7 @@ def place(
             continue
         if all((apart(moved, other, reach) < reach).mean() <= shared for other in near):
             return moved
-    raise ValueError(
+    raise InputError(
         f"A body of length {length:g} px does not fit into a frame of {shape} px with margin "
         f"{margin:g} px; make the frame larger or the body shorter."
     )
@@ -119,11 +120,11 @@ def compress(curve: Points, components: int = 2) -> Points:
 
     The components are those of a fixed population of generated curves, each moved to its
     centroid and divided by its length; rotation is left in, so that the first two are nearly
-    straight lines along the two axes. Raises ValueError for a number of them from which no curve
+    straight lines along the two axes. Raises InputError for a number of them from which no curve
     can be made: fewer than 0, or more than 200.
     """
     if not 0 <= components <= 2 * POINTS:
-        raise ValueError(f"components is {components}; give a whole number from 0 to {2 * POINTS}.")
+        raise InputError(f"components is {components}; give a whole number from 0 to {2 * POINTS}.")
     even = resample(curve)
     centre = even.mean(axis=0)
     length = np.linalg.norm(np.diff(even, axis=0), axis=1).sum()

@@ -8,6 +8,7 @@ from jaxtyping import Float, Int
 from scipy.ndimage import gaussian_filter
 
 from napari_splinesketch.engine.look.band import band
+from napari_splinesketch.engine.types import InputError
 from napari_splinesketch.metrics import POINTS, nearest, resample
 from napari_splinesketch.synthetic.bodies import Points, place
 
@@ -61,7 +62,7 @@ class Look:
 
     def __post_init__(self) -> None:
         if self.polarity not in ("bright", "dark"):
-            raise ValueError(f"polarity is {self.polarity!r}; choose 'bright' or 'dark'.")
+            raise InputError(f"polarity is {self.polarity!r}; choose 'bright' or 'dark'.")
 
     @classmethod
     def draw(cls, rng: np.random.Generator) -> "Look":
@@ -170,12 +171,12 @@ def scene(
 
     Raises
     ------
-    ValueError
+    InputError
         If the bodies do not fit into the frame, or a setting or polarity is unknown.
     """
     unknown = set(look) - {field.name for field in fields(Look)}
     if unknown:
-        raise ValueError(f"Unknown settings {sorted(unknown)}; `Look` lists the known ones.")
+        raise InputError(f"Unknown settings {sorted(unknown)}; `Look` lists the known ones.")
     rng = np.random.default_rng(seed)
     chosen = replace(Look.draw(rng), **look)  # pyright: ignore[reportArgumentType]
     widths = half_width * rng.uniform(*_WIDTHS, bodies)

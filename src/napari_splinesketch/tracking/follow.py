@@ -14,13 +14,14 @@ from napari_splinesketch.engine.checks import checked_image
 from napari_splinesketch.engine.settings import PRESETS, PresetName
 from napari_splinesketch.engine.types import (
     Curve,
+    InputError,
     OnProgress,
     Polarity,
     Progress,
     Refinement,
     says_stop,
 )
-from napari_splinesketch.files import failure_of
+from napari_splinesketch.files import reason_of
 from napari_splinesketch.tracking.bodies import Body, Given, Line, Read, Refine, Tracked, View
 from napari_splinesketch.tracking.drift import ShownPlaces, distance, misleads, near_others
 from napari_splinesketch.tracking.events import DIVIDED, LEFT, Entering, Parts
@@ -91,13 +92,13 @@ def follow(
         One for each frame; a frame that cannot be read or refined does not stop the others.
     """
     if preset not in PRESETS:
-        raise ValueError(f"preset is {preset!r}; choose one of {', '.join(PRESETS)}")
+        raise InputError(f"preset is {preset!r}; choose one of {', '.join(PRESETS)}")
     bodies = {}
     for body in start:
         if not isinstance(body, Body):
-            raise ValueError(f"start has {short(body)}; give bodies: Body(0, ((frame, curve),))")
+            raise InputError(f"start has {short(body)}; give bodies: Body(0, ((frame, curve),))")
         if body.id in bodies:
-            raise ValueError(f"start has two bodies {body.id}; give each its own number")
+            raise InputError(f"start has two bodies {body.id}; give each its own number")
         if body.seen and body.length > 0:
             bodies[body.id] = body
     if refine is None:
@@ -186,7 +187,7 @@ class _Step:
         except CancelledError:
             raise
         except Exception as error:  # one bad frame must not stop the others
-            return Tracked(frame, given=kept, error=failure_of(error))
+            return Tracked(frame, given=kept, error=reason_of(error))
         if search.refinement and any(one.trusted for one in found.values()):
             self.contrast = abs(search.refinement.model.contrast)
             self.polarity = search.refinement.model.polarity

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from napari_splinesketch.engine import spline
-from napari_splinesketch.engine.types import Curve, Line
+from napari_splinesketch.engine.types import Curve, InputError, Line
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,11 +43,11 @@ def kymograph(curves: Mapping[int, Curve], points: int = 100) -> Kymograph:
     """
     known = isinstance(curves, Mapping) and all(isinstance(c, Curve) for c in curves.values())
     if not (known and curves and all(isinstance(frame, Integral) for frame in curves)):
-        raise ValueError(
+        raise InputError(
             f"curves is {short(curves)}; give the curves of one body, by frame: whole numbers"
         )
     if not isinstance(points, Integral) or points < 2:
-        raise ValueError(f"points is {points!r}; give a whole number of points, from 2")
+        raise InputError(f"points is {points!r}; give a whole number of points, from 2")
     frames = np.arange(min(curves), max(curves) + 1)
     lines = np.full((len(frames), points, 2), np.nan)
     curvature = np.full((len(frames), points), np.nan)

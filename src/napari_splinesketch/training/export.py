@@ -15,7 +15,7 @@ import tifffile
 from jaxtyping import Bool, Int, Real, UInt16
 
 from napari_splinesketch import __version__
-from napari_splinesketch.engine.types import POINTS, Array, Curve, Refinement
+from napari_splinesketch.engine.types import POINTS, Array, Curve, InputError, Refinement
 from napari_splinesketch.files import EXISTS, atomic_folder, checksum_of_file, owned
 from napari_splinesketch.images.frames import Frames, checksum
 from napari_splinesketch.labels.formats import labelled, open_labels
@@ -80,16 +80,16 @@ def export_training(
 
     Raises
     ------
-    ValueError
+    InputError
         Where there is nothing to train on, a frame that is not there, or a curve outside its frame.
     """
     if keep not in get_args(Keep):
-        raise ValueError(f"keep is {keep!r}; choose one of {', '.join(get_args(Keep))}")
+        raise InputError(f"keep is {keep!r}; choose one of {', '.join(get_args(Keep))}")
     if isinstance(images, str) or not hasattr(images, "__getitem__"):
-        raise ValueError(f"images is {short(images)}; give an array (frames, H, W) or a list")
+        raise InputError(f"images is {short(images)}; give an array (frames, H, W) or a list")
     split = split or Split()
     if not isinstance(split, Split):
-        raise ValueError(f"split is {short(split)}; give a Split, such as Split({Split.shares})")
+        raise InputError(f"split is {short(split)}; give a Split, such as Split({Split.shares})")
     path = Path(labels) if isinstance(labels, str | os.PathLike) else None
     source = in_frames(open_labels(path) if path else labelled(labels))
     frames = _frames(source, keep, whole_frames)
@@ -135,7 +135,7 @@ def _is_kept(label: Label, keep: Keep) -> bool:
 
 
 def _frames(source: ByFrame, keep: Keep, whole_frames: bool) -> Int[Array, " F"]:
-    """Give the frames that have something to train on; ValueError where there are none."""
+    """Give the frames that have something to train on; InputError where there are none."""
     frames, accepted = list[int](), False
     for labels in source.read():
         kept = [_is_kept(label, keep) for label in labels]
@@ -145,11 +145,11 @@ def _frames(source: ByFrame, keep: Keep, whole_frames: bool) -> Int[Array, " F"]
     if frames:
         return np.array(frames)
     if keep == "accepted" and not accepted:
-        raise ValueError(
+        raise InputError(
             "no curve is accepted; accept some in the window and export them, as labels CSV "
             "for instance, or take all that are good (keep='good', --keep good)"
         )
-    raise ValueError("no frame has curves to learn from; accept or refine more of them")
+    raise InputError("no frame has curves to learn from; accept or refine more of them")
 
 
 def _write_frames(
@@ -175,7 +175,7 @@ def _write_frames(
             try:
                 pixels = np.asarray(images[frame])
             except LookupError:
-                raise ValueError(f"the labels have a frame {frame}, and the images none") from None
+                raise InputError(f"the labels have a frame {frame}, and the images none") from None
             signs += _write(folder, frame, pixels, kept, others)
             image = image or {"shape": list(pixels.shape), "dtype": pixels.dtype.name}
             part = PARTS[parts[frame]]
@@ -194,11 +194,11 @@ def _write(
 ) -> int:
     """Write a frame; gives 1 where its bodies are bright, -1 where dark, 0 where none is seen."""
     if image.ndim != 2:
-        raise ValueError(f"frame {frame} has shape {image.shape}; give (frames, H, W)")
+        raise InputError(f"frame {frame} has shape {image.shape}; give (frames, H, W)")
     for one in kept:
         if not np.any(np.all((one.points >= 0) & (one.points < image.shape), axis=1)):
             size = "{} × {} px".format(*image.shape)
-            raise ValueError(
+            raise InputError(
                 f"curve {one.curve} lies outside frame {frame}, which has {size}; "
                 "give the image that the labels belong to, or reject the curve"
             )

@@ -13,7 +13,7 @@ import numpy as np
 import tifffile
 from jaxtyping import Bool, Float, Int, Real, UInt16
 
-from napari_splinesketch.engine.types import Array
+from napari_splinesketch.engine.types import Array, InputError
 from napari_splinesketch.training.export import FORMAT, FRAMES, MANIFEST, VERSION, file_name
 from napari_splinesketch.training.split import PARTS, Part
 
@@ -84,32 +84,32 @@ def read_training(folder: str | os.PathLike[str], part: Part | None = None) -> T
 
     Raises
     ------
-    ValueError
+    InputError
         Where the folder is no training set, damaged, or of a newer version.
     """
     if part not in (None, *PARTS):
-        raise ValueError(f"part is {part!r}; choose one of {', '.join(PARTS)}, or None for all")
+        raise InputError(f"part is {part!r}; choose one of {', '.join(PARTS)}, or None for all")
     folder = Path(folder)
     manifest = _read(folder / MANIFEST, json.load)
     known = isinstance(manifest, dict) and manifest.get("format") == FORMAT
     if not known or manifest.get("version", 0) not in range(VERSION + 1):
-        raise ValueError(f"{folder / MANIFEST}: expected {FORMAT!r}, version {VERSION} at most")
+        raise InputError(f"{folder / MANIFEST}: expected {FORMAT!r}, version {VERSION} at most")
 
     def numbers(table: TextIO) -> tuple[int, ...]:
         rows = DictReader(table)
         if not {"frame", "split"} <= set(rows.fieldnames or ()):
-            raise ValueError("it has no columns frame and split")
+            raise InputError("it has no columns frame and split")
         return tuple(int(row["frame"]) for row in rows if part in (None, row["split"]))
 
     return TrainingSet(folder, manifest, _read(folder / FRAMES, numbers))
 
 
 def _read(path: Path, read: Callable[[TextIO], Any]) -> Any:
-    """Read a file of a training set; ValueError where it is not there or damaged."""
+    """Read a file of a training set; InputError where it is not there or damaged."""
     try:
         with path.open(encoding="utf-8", newline="") as file:
             return read(file)
     except (FileNotFoundError, NotADirectoryError):
-        raise ValueError(f"{path.parent} is no training set: it has no {path.name}") from None
+        raise InputError(f"{path.parent} is no training set: it has no {path.name}") from None
     except (KeyError, TypeError, ValueError) as error:
-        raise ValueError(f"{path} is damaged ({error}); write the training set again") from None
+        raise InputError(f"{path} is damaged ({error}); write the training set again") from None

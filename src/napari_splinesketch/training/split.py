@@ -7,7 +7,7 @@ from typing import Literal, get_args
 import numpy as np
 from jaxtyping import Bool, Int
 
-from napari_splinesketch.engine.types import Array
+from napari_splinesketch.engine.types import Array, InputError
 
 Part = Literal["train", "val", "test"]
 PARTS: tuple[Part, ...] = get_args(Part)
@@ -36,14 +36,14 @@ class Split:
     def __post_init__(self) -> None:
         known = np.shape(self.shares) == (3,) and min(self.shares) >= 0
         if not known or not 0 < sum(self.shares) < np.inf:
-            raise ValueError(
+            raise InputError(
                 f"shares are {self.shares}; give three numbers from 0, not all 0: train, val, test"
             )
         for name, least in (("block", 1), ("gap", 0), ("seed", 0)):
             given = getattr(self, name)
             left_out = given is None and name != "seed"
             if not left_out and not (isinstance(given, Integral) and int(given) >= least):
-                raise ValueError(f"{name} is {given!r}; give a whole number from {least}")
+                raise InputError(f"{name} is {given!r}; give a whole number from {least}")
 
     def sizes(self, frames: Int[Array, " F"]) -> tuple[int, int]:
         """Give the frames of a block and of a gap, for these frames."""

@@ -43,7 +43,7 @@ class Suggestions:
 
     def choose(self, sensitivity: float = 0.5) -> tuple[Line, ...]:
         """The lines that stand out enough; a higher sensitivity, from 0 to 1, only adds lines."""
-        _check_sensitivity(sensitivity)
+        checks.check_sensitivity(sensitivity)
         least = np.interp(sensitivity, (0, 0.5, 1), const.SUGGEST_STRENGTH)
         chosen = self.lines[: int((self.strength >= least).sum())]
         return tuple(sorted(chosen, key=lambda line: tuple(line.mean(0))))
@@ -99,22 +99,16 @@ def suggest(
 
     Raises
     ------
-    ValueError
+    InputError
         Where the call makes no sense: no image, no finite pixel, a sensitivity outside 0 to 1,
         an unknown polarity, a half-width that no body of the image can have, an `on_progress` that
         is no function.
     """
-    _check_sensitivity(sensitivity)  # before the work
+    checks.check_sensitivity(sensitivity)  # before the work
     try:
         return prepare(image, polarity, half_width, on_progress).choose(sensitivity)
     except CancelledError:
         return ()
-
-
-def _check_sensitivity(sensitivity: float) -> None:
-    value = np.asarray(sensitivity)
-    if value.ndim or value.dtype.kind not in "biuf" or not 0 <= value <= 1:
-        raise ValueError(f"sensitivity is {sensitivity!r}; give a number from 0 to 1.")
 
 
 def prepare(

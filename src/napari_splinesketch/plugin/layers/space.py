@@ -17,11 +17,11 @@ from napari.layers import Image, Layer
 from napari.utils.transforms import CompositeAffine
 
 from napari_splinesketch.engine.spline import arc_length
-from napari_splinesketch.engine.types import Curve
+from napari_splinesketch.engine.types import Curve, InputError
 from napari_splinesketch.files import reason_of
 from napari_splinesketch.geometry import width_growth
 from napari_splinesketch.grids import Grid, slices
-from napari_splinesketch.images.frames import LUMINANCE, ImageError
+from napari_splinesketch.images.frames import LUMINANCE
 from napari_splinesketch.labels.types import unit_of
 from napari_splinesketch.plugin.model import Line, lengths_of
 
@@ -309,9 +309,9 @@ class Block:
         try:
             pixels = np.array(self.level[self.key])
         except Exception as error:  # image libraries raise anything on a broken file
-            why = f"{self.name} could not be read ({reason_of(error) or type(error).__name__})"
+            why = f"{self.name} could not be read ({reason_of(error)})"
             remedy = "see that its file is there and whole, or open the image again"
-            raise ImageError(f"{why}; {remedy}.") from error
+            raise InputError(f"{why}; {remedy}.") from error
         return pixels[..., :3].astype(np.float32) @ LUMINANCE if self.rgb else pixels
 
 
