@@ -1,4 +1,6 @@
-"""Whatever the input: a ValueError or a whole result, never a crash, never a NaN in a curve."""
+"""Whatever the input: an InputError or a whole result, never a crash, never a NaN in a curve."""
+
+from contextlib import suppress
 
 import numpy as np
 import pytest
@@ -6,7 +8,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from napari_splinesketch import refine
+from napari_splinesketch import InputError, refine, suggest, write_labels
+from napari_splinesketch.metrics import match
 
 from .test_refine import assert_whole
 
@@ -14,7 +17,11 @@ RELAXED = settings(
     max_examples=25,
     deadline=None,
     derandomize=True,
-    suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
+    suppress_health_check=[
+        HealthCheck.too_slow,
+        HealthCheck.data_too_large,
+        HealthCheck.function_scoped_fixture,
+    ],
 )
 COORDINATE = st.one_of(
     st.floats(-10, 60),
@@ -50,7 +57,7 @@ def picture(draw) -> np.ndarray:
 @pytest.mark.filterwarnings("ignore:overflow")
 def test_any_picture_and_any_sketches(image, sketches):
     if not np.isfinite(image).any():
-        with pytest.raises(ValueError, match="finite"):
+        with pytest.raises(InputError, match="finite"):
             refine(image, sketches)
         return
     assert_whole(refine(image, sketches), len(sketches), image.shape)
@@ -62,6 +69,7 @@ ANYTHING = st.one_of(
     st.floats(),
     arrays.arrays(float, arrays.array_shapes(min_dims=0, max_dims=4, max_side=5)),
     arrays.arrays(st.sampled_from([np.complex64, np.dtype("U2"), object]), (4, 5)),
+    st.just([[0.0], [1.0, 2.0]]),
 )
 
 
@@ -70,10 +78,38 @@ ANYTHING = st.one_of(
 def test_anything_else_is_refused_in_words_or_taken(image, sketches):
     try:
         result = refine(image, sketches)
-    except ValueError as error:
+    except InputError as error:
         assert len(str(error)) > 20
     else:
         assert_whole(result, len(sketches), np.shape(image))
+
+
+IMAGE = np.random.default_rng(0).normal(size=(20, 30))
+LINE = np.array([[5.0, 5.0], [15.0, 25.0]])
+CALLS = {
+    "suggest": suggest,
+    "match": lambda given: match([given], [LINE]),
+    "tolerance": lambda given: match([LINE], [LINE], tolerance=given),
+    "write_labels": lambda given: write_labels("labels.csv", [given], overwrite=True),
+    **{
+        f"refine, {name}": lambda given, name=name: refine(IMAGE, [LINE], **{name: given})
+        for name in ("preset", "polarity", "half_width", "fixed", "on_progress", "seed")
+    },
+    **{
+        f"suggest, {name}": lambda given, name=name: suggest(IMAGE, **{name: given})
+        for name in ("sensitivity", "polarity", "half_width", "on_progress")
+    },
+}
+
+
+@RELAXED
+@given(given=ANYTHING)
+@pytest.mark.filterwarnings("ignore:Casting complex values")
+@pytest.mark.parametrize("call", CALLS)
+def test_whatever_else_is_given_is_refused_in_words_or_taken(call, given, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with suppress(InputError):
+        CALLS[call](given)
 
 
 @pytest.mark.parametrize("shape", [(1, 300), (300, 1), (1, 2), (2, 2)])

@@ -1,6 +1,6 @@
 """What `refine` and `suggest` are given: refused with an InputError where it makes no sense."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from numbers import Integral
 from numbers import Real as RealNumber
 from reprlib import repr as short
@@ -17,7 +17,10 @@ from napari_splinesketch.engine.types import Array, Curve, InputError, Polarity
 
 def checked_image(image: Real[Array, "H W"]) -> Real[Array, "H W"]:
     """The image as an array, if it is one 2-D grey image with data in it."""
-    image = np.asanyarray(image)
+    try:
+        image = np.asanyarray(image)
+    except ValueError:
+        raise InputError("image has rows of unequal length; give a 2-D array (H, W).") from None
     if image.ndim != 2 or not image.size:
         raise InputError(f"image has shape {image.shape}; give one 2-D grey image (H, W).")
     if image.dtype.kind not in "biuf":
@@ -37,7 +40,7 @@ def half_widths(shape: Sequence[int]) -> tuple[float, float]:
 
 def check_options(shape: tuple[int, ...], polarity: Polarity, half_width: float | None) -> None:
     """Refuse an unknown polarity, and a half-width that no body of the image can have."""
-    if polarity not in get_args(Polarity):
+    if not isinstance(polarity, str) or polarity not in get_args(Polarity):
         raise InputError(f"polarity is {polarity!r}; choose one of {get_args(Polarity)}.")
     thinnest, widest = half_widths(shape)
     if half_width is not None and not (
@@ -56,7 +59,7 @@ def checked_lines(
 
     `many` and `one` are their names, such as "sketches" and "sketch".
     """
-    if isinstance(lines, str | Mapping) or not isinstance(lines, Iterable):
+    if isinstance(lines, str | Mapping) or not np.iterable(lines):
         raise InputError(
             f"{many} is {short(lines)}; give a list of (N, 2) arrays, row and col in px."
         )
@@ -90,7 +93,7 @@ def check_hold(settings: object, count: int) -> None:
 
 def checked_fixed(fixed: Sequence[Curve] | None) -> list[Curve]:
     """The fixed curves that take part: all but those that failed."""
-    curves = list(fixed) if isinstance(fixed, Iterable) else [] if fixed is None else [fixed]
+    curves = list(fixed) if np.iterable(fixed) else [] if fixed is None else [fixed]
     for curve in curves:
         if not isinstance(curve, Curve) or curve is fixed:
             raise InputError(
@@ -116,8 +119,7 @@ def check_call(on_progress: object, seed: object) -> None:
 
 def check_sensitivity(sensitivity: float) -> None:
     """Refuse what is no number from 0 to 1."""
-    value = np.asarray(sensitivity)
-    if value.ndim or value.dtype.kind not in "biuf" or not 0 <= value <= 1:
+    if not isinstance(sensitivity, RealNumber) or not 0 <= sensitivity <= 1:
         raise InputError(f"sensitivity is {sensitivity!r}; give a number from 0 to 1.")
 
 

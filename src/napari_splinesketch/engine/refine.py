@@ -91,7 +91,7 @@ def refine(
     began = time.perf_counter()
     image = checks.checked_image(image)
     drawn = checks.checked_lines(sketches, "sketches", "sketch")
-    if not isinstance(preset, Settings) and preset not in PRESETS:
+    if not (preset in PRESETS if isinstance(preset, str) else isinstance(preset, Settings)):
         raise InputError(f"preset is {preset!r}; choose one of {', '.join(PRESETS)}.")
     checks.check_hold(preset, len(drawn))
     checks.check_options(image.shape, polarity, half_width)
