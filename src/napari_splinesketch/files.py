@@ -17,17 +17,14 @@ from numpy.linalg import LinAlgError
 
 from napari_splinesketch.engine.types import InputError
 
-REFUSALS = InputError, OSError
-"""What the user can put right: any other error is a fault of the program."""
+REFUSALS = InputError, OSError  # what the user can put right; the rest are faults
 EXISTS = "exists already; choose another name, or overwrite it (overwrite=True, --overwrite)"
 INSTALL = "pip install 'napari-splinesketch[{}]'"  # with what an extra brings
 FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
 LOCKLESS = {errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOLCK}
 """What locking says on a disk that cannot lock files, as some of clusters cannot."""
-LONGEST_NAME = 255
-"""Of a file or folder, bytes; disks take no longer ones."""
-BEYOND = 2**30
-"""Where Windows locks a byte: what it locks cannot be read."""
+LONGEST_NAME = 255  # of a file or folder, bytes; disks take no longer ones
+BEYOND = 2**30  # where Windows locks a byte: what it locks cannot be read
 SAID_WHEN_FULL = ("No space left", "File too large", "requested and")
 """What NumPy and HDF5 say of a full disk: their errors have no number."""
 WHEN_FULL = "no space left on the disk; make some and try again"

@@ -16,18 +16,13 @@ from typing import Any, Self, TypeVar
 from napari_splinesketch.engine.types import InputError
 from napari_splinesketch.files import INSTALL
 
-AHEAD = 2
-"""Tasks in progress for each process: one running, one waiting."""
-MOST_ON_WINDOWS = 61
-"""Python cannot wait for more processes there."""
-ALONE = 2
-"""A task during which so many workers died is tried once more, with no other beside it."""
+AHEAD = 2  # tasks in progress for each process: one running, one waiting
+MOST_ON_WINDOWS = 61  # processes: Python cannot wait for more there
+ALONE = 2  # a task during which so many workers died is tried once more, with no other beside it
 ONE_EACH = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 XLA, XLA_FLAG = "XLA_FLAGS", "--xla_cpu_multi_thread_eigen"
-PATIENCE = 20.0
-"""How long a scheduler may take to answer, and the first worker to appear, s."""
-FRESH = 2.0
-"""How long the number of a cluster's workers is cached, s."""
+PATIENCE = 20.0  # how long a scheduler may take to answer, and the first worker to appear, s
+FRESH = 2.0  # how long the number of a cluster's workers is cached, s
 
 Task = TypeVar("Task")
 Done = TypeVar("Done")
@@ -167,15 +162,13 @@ def limit_threads(environment: MutableMapping[str, str]) -> None:
 def cluster(address: str) -> Iterator["Cluster"]:
     """Connect to the Dask cluster of a scheduler, such as tcp://10.0.0.5:8786.
 
-    InputError says what to do where that fails. In the end what is in progress is abandoned, and
-    the cluster stays.
+    InputError says what to do where that fails. In the end what runs is abandoned, not the cluster.
     """
     try:
         from distributed import Client, KilledWorker
         from distributed.comm.addressing import resolve_address
     except ImportError:
-        needed = INSTALL.format("cluster")
-        raise InputError(f"--scheduler needs a library; {needed}") from None
+        raise InputError(f"--scheduler needs a library; {INSTALL.format('cluster')}") from None
     # Dask's messages at the end of a connection are replaced by one sentence of ours.
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
     try:

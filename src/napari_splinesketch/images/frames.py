@@ -20,8 +20,7 @@ from napari_splinesketch.files import INSTALL, is_inside, same_file, special
 LUMINANCE = np.array([0.2125, 0.7154, 0.0721], dtype=np.float32)
 TIFFS = (".tif", ".tiff", ".lsm", ".stk")
 STILLS = (".png", ".jpg", ".jpeg", ".bmp")
-DEPTH = 24
-"""Place in a PNG of the byte that tells the bits of a number."""
+DEPTH = 24  # place in a PNG of the byte that tells the bits of a number
 FILMS = (".avi", ".mp4", ".mov", ".mkv", ".webm")
 METRES = {"pm": 1e-12, "Å": 1e-10, "nm": 1e-9, "µm": 1e-6, "mm": 1e-3, "cm": 0.01, "m": 1.0}
 Scale = tuple[tuple[float, float], str] | tuple[None, None]

@@ -134,8 +134,7 @@ def read_json(path: Path, content: bytes | None = None) -> Node:
             text = (file.read() if content is None else content).decode("utf-8-sig")
         return Node(path, "", json.loads(text))
     except UnicodeDecodeError as error:
-        reason = f"not a text file in UTF-8 ({error.reason})"
-        raise LabelsError(path, "", reason) from None
+        raise LabelsError(path, "", f"not a text file in UTF-8 ({error.reason})") from None
     except json.JSONDecodeError as error:
         place = f"line {error.lineno}, column {error.colno}"
         raise LabelsError(path, place, f"not JSON ({error.msg})") from None

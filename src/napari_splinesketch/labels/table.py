@@ -265,8 +265,7 @@ def _table(source: Source, file: TextIO) -> Iterator[tuple[int, Sequence[str]]]:
                 raise _wrong(source, line, f"{counted(found, 'field')}; the header has {size}")
             yield table.line_num, fields
     except csv.Error as error:
-        reason = f"not a line of a CSV table ({error})"
-        raise _wrong(source, table.line_num, reason) from None
+        raise _wrong(source, table.line_num, f"not a line of a CSV table ({error})") from None
     except UnicodeDecodeError as error:
         source.place = f"line {table.line_num + 1} or below"
         reason = f"not a text file in UTF-8 ({error.reason}); save it as CSV UTF-8"
