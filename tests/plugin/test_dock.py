@@ -633,3 +633,19 @@ def test_garbage_is_looked_for_among_what_is_new_until_a_layer_goes(
     gc.freeze()
     dock.hide()
     assert not gc.get_freeze_count()
+
+
+@pytest.mark.parametrize("chosen", ["one", "two"])
+def test_lines_of_another_image_do_not_take_the_place_of_those_that_are_removed(
+    viewer: Any, dock: SplinesketchDock, chosen: str
+) -> None:
+    c = dock.controller
+    for name in ("one", "two"):
+        viewer.add_image(np.random.default_rng(0).random((60, 80)), name=name)
+        viewer.add_shapes([[[5, 5], [50, 60]]], shape_type="line", name=f"{name} sketches")
+    c.image, c.sketches = viewer.layers[chosen], viewer.layers[f"{chosen} sketches"]
+    viewer.layers.remove(f"{chosen} sketches")
+    assert c.image is viewer.layers[chosen]
+    assert c.sketches is None
+    c.draw()
+    assert c.sketches is viewer.layers[f"{chosen} sketches"]

@@ -307,12 +307,15 @@ class Keeper:
             gc.unfreeze()  # its pixels may be garbage among what the dock leaves out of the search
         for kind in self._chosen:
             if event.value is self._chosen[kind]:
-                self.choose_layer(kind, next(filter(self._fits, self.layers(kind)), None))
+                left = (x for x in self.layers(kind) if self._fits(x, strictly=True))
+                self.choose_layer(kind, next(left, None))
         self.changes.layers.emit()
 
-    def _fits(self, layer: Layer) -> bool:
-        """Whether a layer was not drawn on an image from another file than the chosen one."""
-        origin = vars(layer).get(ORIGIN)
+    def _fits(self, layer: Layer, *, strictly: bool = False) -> bool:
+        """Whether a layer is not of another file's image; `strictly`, nor of another in memory."""
+        origin, works = vars(layer).get(ORIGIN), vars(layer).get(WORKS)
+        if strictly and works and not origin:
+            return works[0].image is self.image
         return not (origin and self.image) or origin == origin_of(self.image)
 
     def _on_seen(self, event: Any) -> None:
