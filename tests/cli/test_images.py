@@ -1,4 +1,5 @@
 import os
+import shutil
 import sys
 from collections.abc import Callable
 from contextlib import suppress
@@ -316,6 +317,19 @@ def test_zarr_images_of_both_versions(tmp_path: Path) -> None:
     zarr.create_array(tmp_path / "plain.zarr", data=FRAMES)
     with open_frames(str(tmp_path / "plain.zarr")) as frames:
         assert np.array_equal(frames[2], FRAMES[2])
+
+
+def test_a_zarr_that_was_deleted_meanwhile_is_not_read_as_empty(tmp_path: Path) -> None:
+    zarr = pytest.importorskip("zarr")
+    path = tmp_path / "film.zarr"
+    zarr.create_array(path, data=FRAMES, chunks=(1, *FRAMES.shape[1:]), fill_value=7)
+    with open_frames(str(path)) as frames:
+        shutil.rmtree(path / "c" / "0")
+        assert (frames[0] == 7).all(), "a chunk that was never written is legitimate"
+        assert np.array_equal(frames[1], FRAMES[1])
+        shutil.rmtree(path)
+        with pytest.raises(InputError, match=r"frame 1: .*film\.zarr does not exist"):
+            frames[1]
 
 
 def test_the_scale_of_the_whole_zarr_image_counts_too(tmp_path: Path) -> None:

@@ -1,5 +1,6 @@
 """Images of every kind go in, and the results lie on them."""
 
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -7,6 +8,7 @@ import dask.array as da
 import numpy as np
 import pytest
 from dask.delayed import delayed
+from napari.layers import Image
 from napari.utils.notifications import notification_manager
 
 from napari_splinesketch.plugin.dock import SplinesketchDock
@@ -106,6 +108,32 @@ def test_every_real_type(viewer: Any, dock: SplinesketchDock, fake: FakeEngine, 
     image = viewer.add_image(np.eye(150, 160).astype(dtype), name="x", contrast_limits=(0, 1))
     refined(viewer, dock, image)
     assert fake.calls[0]["image"].dtype == dtype
+
+
+@pytest.mark.parametrize("opened", [True, False])
+def test_a_zarr_that_was_deleted_meanwhile_is_not_refined_as_empty(
+    viewer: Any, dock: SplinesketchDock, fake: FakeEngine, tmp_path: Path, opened: bool
+) -> None:
+    zarr, path = pytest.importorskip("zarr"), tmp_path / "film.zarr"
+    pixels = np.random.default_rng(0).random((2, 40, 60), np.float32)
+    array = zarr.create_array(path, data=pixels, chunks=(1, 40, 60))
+    lazy = da.from_zarr(str(path)) if opened else array
+    layer = Image(lazy, name="film", cache=False)
+    if opened:
+        layer._source = layer.source.copy(update={"path": str(path)})
+    viewer.add_layer(layer)
+    viewer.add_shapes([[[0, 10, 10], [0, 20, 50]]], shape_type="line", name="film sketches")
+    viewer.dims.set_point(0, 0)
+    refine(dock)
+    assert "Refined 1 curve" in dock.controller.notice.text
+    shutil.rmtree(path)
+    dock.controller.refine("all")
+    until(lambda: not dock.controller.progress)
+    said = dock.controller.notice.text
+    assert "Frame 0 of 'film' could not be read" in said
+    assert str(path) in said
+    assert "open the image again" in said
+    assert len(fake.calls) == 1
 
 
 def test_channels_in_the_last_axis_are_columns_like_others(

@@ -20,14 +20,10 @@ from napari_splinesketch.images.frames import Frames, Scale, choose_planes, in_o
 from napari_splinesketch.labels.types import unit_of
 
 SHORT = {"nanometer": "nm", "millimeter": "mm", "meter": "m"}
-COLUMNS = 5
-"""Least columns of frames: a last axis of fewer is one of colours."""
-PAUSES = (1.0, 5.0)
-"""Pause before a server that failed is asked again, s."""
-PATIENCE = 30.0
-"""How long a server may take to send a file of metadata, s."""
-SLOWEST = 100_000
-"""The lowest average rate at which a chunk may come after that, bytes per second."""
+COLUMNS = 5  # least columns of frames: a last axis of fewer is one of colours
+PAUSES = (1.0, 5.0)  # before a server that failed is asked again, s
+PATIENCE = 30.0  # how long a server may take to send a file of metadata, s
+SLOWEST = 100_000  # the lowest average rate at which a chunk may come after that, bytes per second
 
 
 class SilentServerError(ConnectionError):
@@ -95,6 +91,8 @@ def open_zarr(address: str, channel: int | None, z: int | None) -> Iterator[Fram
     count, place = choose_planes(name, axes[:leading], shape[:leading], channel, z)
 
     def read(index: int) -> np.ndarray:
+        if not is_url(address):
+            _open(address)  # an error where it was deleted: what is missing would be read as empty
         return np.asarray(node[place(index)])
 
     patient = _patient(read, address, lambda: _open(address))

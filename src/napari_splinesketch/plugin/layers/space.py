@@ -4,6 +4,7 @@ A layer's `data_to_world` speaks the layer's own unit; the window draws every la
 unit of all of them, and in none where they do not match. So it is here.
 """
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -21,7 +22,7 @@ from napari_splinesketch.engine.types import Curve, InputError
 from napari_splinesketch.files import reason_of
 from napari_splinesketch.geometry import width_growth
 from napari_splinesketch.grids import Grid, slices
-from napari_splinesketch.images.frames import LUMINANCE
+from napari_splinesketch.images.frames import LUMINANCE, is_url
 from napari_splinesketch.labels.types import unit_of
 from napari_splinesketch.plugin.model import Line, lengths_of
 
@@ -297,6 +298,7 @@ class Block:
     key: tuple[int | slice, ...]
     rgb: bool
     name: str
+    zarr: str  # its folder, or nothing if it is not read from one
 
     @property
     def whole(self) -> bool:
@@ -307,11 +309,12 @@ class Block:
     def read(self) -> Real[np.ndarray, "H W"]:
         """Read the pixels, a colour image as luminance; the array is the caller's own."""
         try:
+            if self.zarr:
+                os.stat(self.zarr)  # an error where it was deleted: it would be read as empty
             pixels = np.array(self.level[self.key])
         except Exception as error:  # image libraries raise anything on a broken file
-            why = f"{self.name} could not be read ({reason_of(error)})"
-            remedy = "see that its file is there and whole, or open the image again"
-            raise InputError(f"{why}; {remedy}.") from error
+            why = f"could not be read ({reason_of(error)}); see that its file is there and whole"
+            raise InputError(f"{self.name} {why}, or open the image again.") from error
         return pixels[..., :3].astype(np.float32) @ LUMINANCE if self.rgb else pixels
 
 
@@ -356,4 +359,6 @@ def _block(image: Image, frame: int, number: int, start: Corner, stop: Corner) -
     index = np.array(np.unravel_index(frame, leading), dtype=int)
     index = index * level.shape[: len(index)] // leading  # a level may have fewer frames
     name = f"Frame {times_of(image).place(frame)} of " * (frame_count(image) > 1) + repr(image.name)
-    return Block(grid, level, (*index.tolist(), *slices(start, stop)), image.rgb, name)
+    path = str(image.source.path or getattr(getattr(level, "store", None), "root", ""))
+    zarr = "" if isinstance(level, np.ndarray) or is_url(path) or ".zarr" not in path else path
+    return Block(grid, level, (*index.tolist(), *slices(start, stop)), image.rgb, name, zarr)
