@@ -70,7 +70,13 @@ def test_doubles_elsewhere_change_nothing():
 
 
 @pytest.mark.parametrize(
-    ("name", "value"), [("numpy_rank_promotion", "raise"), ("transfer_guard", "disallow")]
+    ("name", "value"),
+    [
+        ("numpy_rank_promotion", "raise"),
+        ("transfer_guard", "disallow"),
+        ("debug_nans", True),
+        ("debug_infs", True),
+    ],
 )
 def test_what_others_forbid_does_not_concern_the_engine(name, value):
     made = frame(2, 2)

@@ -5,6 +5,7 @@ import time
 
 import numpy as np
 import pytest
+from scipy import ndimage
 from scipy.interpolate import CubicSpline
 from scipy.spatial import KDTree
 
@@ -581,6 +582,20 @@ def test_a_blunt_body_is_followed_to_the_tips_that_its_sketch_reaches(half_width
     np.testing.assert_allclose(curve.points[[0, -1], 1], tips, atol=0.7)
     np.testing.assert_allclose(curve.knots[[0, -1], 1], tips, atol=0.7)
     assert (curve.half_width > 0).all()
+
+
+def test_a_pointed_body_is_followed_to_where_its_tips_were_clicked() -> None:
+    """The last px of a point hardly show; clicks on them may be as far beside as ahead."""
+    rows, columns = np.mgrid[:80, :160].astype(float)
+    half_width = 3 * np.clip(np.minimum(columns - 30, 130 - columns) / 30, 1e-3, 1)
+    body = (np.abs(rows - 40) < half_width) & (columns > 30) & (columns < 130)
+    sketch = np.column_stack([[41.5, 40, 40, 40, 38.5], np.linspace(30, 130, 5)])
+    short = []
+    for seed in range(8):
+        noise = np.random.default_rng(seed).normal(0, 0.05, body.shape)
+        (curve,) = refine(ndimage.gaussian_filter(body * 1.0, 0.7) + noise, [sketch]).curves
+        short += [curve.points[0, 1] - 30, 130 - curve.points[-1, 1]]
+    assert abs(np.median(short)) < 0.3
 
 
 @pytest.mark.parametrize("points", [5, 60], ids=["clicked short", "freehand"])

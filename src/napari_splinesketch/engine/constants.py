@@ -323,9 +323,9 @@ THINNEST_FIXED_PX = 0.5
 # === Fit: the solver
 HUBER = 4.0  # residuals beyond this many noise standard deviations count linearly (Huber 1964)
 SETTLED = 1.0  # a curve has arrived where a step gains or promises less χ² than this
-# damping falls by this factor after a good step and rises after a bad one (Marquardt 1963),
-DAMPING = 10.0
-DAMPING_LEAST = 1e-3  # but not below this: the model is not linear over longer steps
+DAMPING_FIRST = 0.01  # damping before the first step (Marquardt 1963): it falls ...
+DAMPING = 10.0  # ... by this factor after a good step, and rises by it after a bad one,
+DAMPING_LEAST = 1e-3  # but is not below this: the model is not linear over longer steps
 # that of knots is not below this share of χ² a pixel (Yamashita & Fukushima 2001): in long steps
 # towards what the model cannot draw, rounding would decide where curves end; ...
 DAMPING_MISFIT = 0.01
@@ -367,7 +367,7 @@ BLUNT = (0.3, 0.7)
 # a body ends in its cap where, so many half-widths of the end beyond that ...
 BEYOND_CAP = (1.5, 2.0, 2.5)
 DARK = 0.3  # ... the image is darker than this share of the body
-CAP_AHEAD = 0.7  # least cosine between a curve's end and the sketch's end that its cap reaches for
+CAP_AHEAD = 0.5  # least cosine between a curve's end and the sketch's end that its cap reaches for
 CAP_POINTS = 17  # points at which the length of a cap is measured (speed)
 # knots crowd where two are nearer to each other than this share of their usual distance:
 CROWDED = 0.5
