@@ -59,6 +59,23 @@ def test_suggested_lines_are_lines_like_any_other(
     assert len(dock.controller.records()) == len(wanted)
 
 
+def test_lines_that_are_suggested_are_seen_though_the_others_were_hidden(
+    viewer: Any, dock: SplinesketchDock, film: np.ndarray
+) -> None:
+    viewer.add_image(np.full((60, 70), 5, np.uint8), name="blank")
+    image = viewer.add_image(film[0], name="worms")
+    dock.controller.draw()
+    layer = viewer.layers["worms sketches"]
+    layer.visible = False
+    dock.controller.image = viewer.layers["blank"]
+    press_suggest(dock)
+    assert not layer.visible, "there are none to be seen"
+    dock.controller.image = image
+    press_suggest(dock)
+    assert layer.nshapes
+    assert layer.visible
+
+
 @pytest.mark.window
 def test_one_undo_takes_them_all_back_but_not_what_was_drawn(
     viewer: Any, dock: SplinesketchDock, film: np.ndarray

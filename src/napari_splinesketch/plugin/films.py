@@ -103,6 +103,8 @@ class Suggestions:
 
         def over() -> None:
             there = work.positions(state.suggestions.keys() - refined.suggestions)
+            if there and not work.sketches.visible:
+                work.sketches.visible = True
             tell(words.suggested(len(there), self.sensitivity, given=given))
 
         if state.suggestions.keys() != work.state.suggestions.keys():
