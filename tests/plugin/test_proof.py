@@ -151,6 +151,10 @@ def test_proofs_follow_while_they_are_in_view(
     ask(dock, "masks")
     masks = layer_named(viewer, "film masks")
     assert masks.data[1][20, 12] == 1
+    dock.controller.review("rejected", (1, 1))  # which Export leaves out, too
+    until(lambda: masks.data[1][20, 12] == 0, 5)
+    dock.controller.undo()
+    until(lambda: masks.data[1][20, 12] == 1, 5)
     dock.controller.delete((1, 1))
     until(lambda: masks.data[1][20, 12] == 0, 5)
     masks.visible = False

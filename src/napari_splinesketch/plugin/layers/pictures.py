@@ -315,8 +315,12 @@ def _moving(work: Work, _: object) -> Made | None:
     return Made(made.data, look={**made.look, "visible": True}) if work.moving else None
 
 
+def _masked(work: Work) -> list[Record]:
+    return [record for record in work.records if record.review != "rejected"]  # as Export does
+
+
 def _masks(work: Work, _: object) -> Made:
-    size, records = space.size_of(work.image), by_frame(work.records)
+    size, records = space.size_of(work.image), by_frame(_masked(work))
     here, plane = space.current_frame(work.viewer, work.image), np.zeros(size, np.int32)
 
     def bodies(frame: int) -> list[Body]:
@@ -347,8 +351,8 @@ MAKERS: dict[str, Maker] = {
     "ribbon": Maker(Vectors, "uncertainty", _curves, _ribbon, "Uncertainty",
                     "Lines at twice the standard error to both sides of each curve",
                     "No standard errors are known: failed curves and Paper's have none."),
-    "masks": Maker(Labels, "masks", _curves, _masks, "Masks",
-                   "A Labels layer: pixels have their curve's number"),
+    "masks": Maker(Labels, "masks", lambda work: [r.curve for r in _masked(work)], _masks, "Masks",
+                   "A Labels layer: pixels have their curve's number; without rejected curves"),
 }  # fmt: skip
 ASKED = [role for role, maker in MAKERS.items() if maker.title]  # only when the user asks
 
