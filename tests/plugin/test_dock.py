@@ -143,13 +143,14 @@ def test_shapes_that_are_no_lines_are_named(viewer: Any, dock: SplinesketchDock)
     layer = sketched(viewer)
     layer.add([[0, 0], [9, 9]], shape_type="rectangle")
     layer.add([[[0, 0], [9, 9]], [[30, 30], [40, 40]]], shape_type="ellipse")
+    layer.add([[5, 5], [5, 9], [9, 9]], shape_type="polygon")
     layer.add([[5, 5], [5, 5.1]], shape_type="path")
     assert dock.refine.text() == "Refine 2 new lines"
     assert "Skipped: 1 stray click" in dock.hint.text()
-    assert "Not usable: 1 rectangle and 2 ellipses" in dock.hint.text()
+    assert "Not usable: 1 rectangle, 2 ellipses, 1 polygon; draw" in dock.hint.text()
     refine(dock)
     assert viewer.layers["cells curves"].nshapes == 2
-    assert viewer.layers["cells sketches"].nshapes == 6
+    assert viewer.layers["cells sketches"].nshapes == 7
 
 
 def test_what_cannot_be_done_says_why(viewer: Any, dock: SplinesketchDock) -> None:

@@ -92,8 +92,8 @@ def to_do(plan: "Plan") -> str:
     if plan.drawn.strays:
         said.append(f"Skipped: {counted(plan.drawn.strays, 'stray click')}.")
     if plan.drawn.unusable:
-        shapes = " and ".join(counted(number, kind) for kind, number in plan.drawn.unusable.items())
-        said.append(f"Not usable: {shapes}; draw lines, polylines or paths.")
+        shapes = [counted(number, kind) for kind, number in plan.drawn.unusable.items()]
+        said.append(f"Not usable: {', '.join(shapes)}; draw lines, polylines or paths.")
     if plan.orphans:
         numbers = f"curve{'s' * (len(plan.orphans) > 1)} {_some(list(map(str, plan.orphans)))}"
         said.append(f"Kept without their line until you delete them: {numbers}.")
