@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from napari_splinesketch.engine.types import Curve
+from napari_splinesketch.engine.types import Curve, OnProgress
 from napari_splinesketch.tracking import Body, Given, View, around
 
 from .test_follow import BRIGHT, LINE, OTHER, FakeRefine, curve, moved
@@ -18,7 +18,10 @@ def there(frame: int) -> dict[int, Curve]:
 
 
 def fitted(
-    frames: Sequence[Sequence[int]], given=lambda frame: Given(), line: np.ndarray = LINE
+    frames: Sequence[Sequence[int]],
+    given=lambda frame: Given(),
+    line: np.ndarray = LINE,
+    on_progress: OnProgress | None = None,
 ) -> tuple:
     reads: list[int] = []
 
@@ -28,7 +31,8 @@ def fitted(
 
     refine = FakeRefine((0, 0))
     start = [Body(7, ((15, curve(line)),))]
-    results = list(around(frames, start, read, there, given=given, refine=refine))
+    how = {"given": given, "refine": refine, "on_progress": on_progress}
+    results = list(around(frames, start, read, there, **how))
     assert all(len(lines) == 1 for lines, _ in refine.calls), "only the corrected body is fitted"
     return reads, results
 
@@ -56,3 +60,11 @@ def test_a_body_that_was_turned_round_is_turned_in_all_frames() -> None:
     assert [result.frame for result in results] == [*range(16, 24), *range(14, 9, -1)]
     for result in results:
         np.testing.assert_allclose(result.curves[0].points[0], LINE[-1])
+
+
+def test_progress_goes_on_from_one_way_to_the_other() -> None:
+    told: list[float] = []
+    frames = [range(16, 18), range(14, 11, -1)]
+    fitted(frames, line=LINE[::-1], on_progress=lambda progress: told.append(progress.fraction))
+    assert told == sorted(told)
+    assert 0.9 < told[-1] <= 1

@@ -249,6 +249,7 @@ def around(
     there: Callable[[int], Mapping[int, Curve]],
     *,
     given: Callable[[int], Given],
+    on_progress: OnProgress | None = None,
     **options: Any,
 ) -> Iterator[Tracked]:
     """Carry corrected curves on, each way until they are where they were before.
@@ -275,10 +276,18 @@ def around(
             for i in names - set(result.given)
         )
 
-    for way in ways:
+    carried = [
+        [*takewhile(lambda t: there(t) and not names <= set(given(t).curves), way)] for way in ways
+    ]
+    before, total = 0, sum(map(len, carried))
+
+    def report(progress: Progress) -> bool | None:
+        share = (before + progress.fraction * len(frames)) / total
+        return on_progress(replace(progress, fraction=share)) if on_progress else None
+
+    for frames in carried:
         same: list[Tracked] = []
-        frames = [*takewhile(lambda t: there(t) and not names <= set(given(t).curves), way)]
-        for result in follow(frames, start, read, given=kept, **options):
+        for result in follow(frames, start, read, given=kept, on_progress=report, **options):
             if is_same(result):
                 same.append(result)
                 if len(same) == ENOUGH:
@@ -286,3 +295,4 @@ def around(
             else:
                 yield from (*same, result)
                 same = []
+        before += len(frames)
