@@ -7,6 +7,7 @@ import pytest
 from napari.components import ViewerModel
 
 from napari_splinesketch.plugin.layers.drawn import (
+    begin_drawing,
     clicked,
     drawn_in,
     new_sketch_layer,
@@ -90,6 +91,24 @@ def test_a_new_layer_lies_on_the_image() -> None:
         np.testing.assert_allclose(layer.data_to_world(point), image.data_to_world(point))
     layer.add([[2, 0, 0], [2, 5, 5]], shape_type="line")
     assert drawn_in(viewer, layer, image, 2).numbers == (0,)
+
+
+def test_lines_are_drawn_over_images_that_were_opened_later() -> None:
+    viewer: Any = ViewerModel()
+    viewer.add_shapes(name="outlines")
+    lines = viewer.add_shapes(name="lines", visible=False)
+    image = viewer.add_image(np.zeros((6, 8)), name="image")
+    viewer.add_image(np.zeros((6, 8)), name="model")
+    viewer.add_points(name="points")
+    begin_drawing(lines, viewer, image)
+    names = [layer.name for layer in viewer.layers]
+    assert names == ["outlines", "image", "model", "lines", "points"]
+    assert lines.visible
+    assert viewer.layers.selection.active is lines
+    viewer.layers.move(viewer.layers.index(lines), viewer.layers.index(image) + 1)
+    before = list(viewer.layers)
+    begin_drawing(lines, viewer, image)
+    assert list(viewer.layers) == before, "over its image, the user may put it where she likes"
 
 
 @pytest.mark.parametrize("sizes", [(1, 1), (2, 1), (1, 3), (0.1, 0.5)])

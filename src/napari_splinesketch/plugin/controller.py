@@ -199,13 +199,13 @@ class Controller(Keeper):
 
     def draw(self, *, or_select: bool = False) -> None:
         """Draw lines into the chosen layer, or a new one; or, while drawing, select curves."""
-        layer, curves = self.sketches, self.work and self.work.layer("curves")
-        if layer is None and self.image is not None:
-            drawn.new_sketch_layer(self.viewer, self.image)
-        elif or_select and curves is not None and layer and drawn.drawing(self.viewer, layer):
+        image, layer, curves = self.image, self.sketches, self.work and self.work.layer("curves")
+        if or_select and curves is not None and layer and drawn.drawing(self.viewer, layer):
             self.viewer.layers.selection.active = curves
-        elif layer is not None:
-            drawn.begin_drawing(layer, self.viewer)
+        elif image is not None and layer is not None:
+            drawn.begin_drawing(layer, self.viewer, image)
+        elif image is not None:
+            drawn.new_sketch_layer(self.viewer, image)
 
     def export(self, path: str | Path) -> None:
         """Write the curves of all frames to a file, whose ending says the format, in a thread."""

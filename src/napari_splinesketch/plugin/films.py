@@ -103,8 +103,8 @@ class Suggestions:
 
         def over() -> None:
             there = work.positions(state.suggestions.keys() - refined.suggestions)
-            if there and not work.sketches.visible:
-                work.sketches.visible = True
+            if there:
+                drawn.bring_into_view(work.sketches, work.viewer, work.image)
             tell(words.suggested(len(there), self.sensitivity, given=given))
 
         if state.suggestions.keys() != work.state.suggestions.keys():

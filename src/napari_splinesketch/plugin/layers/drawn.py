@@ -70,7 +70,7 @@ def new_sketch_layer(viewer: ViewerModel, image: Image) -> Shapes:
     """Add an empty layer that lies on the image, ready for drawing."""
     layer = empty_layer(image, image.name + SUFFIX)
     viewer.layers.append(layer)
-    begin_drawing(layer, viewer)
+    begin_drawing(layer, viewer, image)
     return layer
 
 
@@ -83,11 +83,19 @@ def empty_layer(image: Image, name: str, *, flat: bool = False) -> Shapes:
     return layer
 
 
-def begin_drawing(layer: Shapes, viewer: ViewerModel) -> None:
-    """Let the user draw lines into a layer, with the tool that was used there last."""
-    viewer.layers.selection.active = layer
+def bring_into_view(layer: Shapes, viewer: ViewerModel, image: Image) -> None:
+    """Let the user see lines: not hidden, nor under an image that was opened later."""
     if not layer.visible:
         layer.visible = True
+    layers = viewer.layers
+    if (at := layers.index(layer)) < layers.index(image):
+        layers.move(at, 1 + max(i for i, each in enumerate(layers) if isinstance(each, Image)))
+
+
+def begin_drawing(layer: Shapes, viewer: ViewerModel, image: Image) -> None:
+    """Let the user draw lines over an image, with the tool that was used in their layer last."""
+    viewer.layers.selection.active = layer
+    bring_into_view(layer, viewer, image)
     if not layer.mode.startswith("add"):
         layer.mode = "add_line"
 
