@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
 from napari_splinesketch import InputError, refine, suggest, write_labels
+from napari_splinesketch.engine import spline
 from napari_splinesketch.metrics import match
 
 from .test_refine import assert_whole
@@ -125,3 +126,13 @@ def test_a_masked_vertex_is_a_missing_one():
     found = refine(image, [np.ma.masked_greater(line, 100)])
     assert found.curves[0].status == "failed"
     assert found.curves[0].reasons == ("the sketch has points that are not finite",)
+
+
+def test_a_line_with_a_missing_vertex_comes_back_with_the_others():
+    image = np.random.default_rng(0).normal(size=(40, 60))
+    drawn = np.array([[5.0, 5.0], [20.0, 30.0], [30.0, 50.0]])
+    for line in (np.insert(drawn, at, np.nan, axis=0) for at in range(4)):
+        (failed,) = refine(image, [line]).curves
+        assert failed.status == "failed"
+        np.testing.assert_array_equal(failed.knots[:, :2], drawn)
+        np.testing.assert_array_equal(failed.points, spline.resample(drawn, 100))

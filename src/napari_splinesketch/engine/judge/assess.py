@@ -126,11 +126,11 @@ def _half_width(g: Float[Array, " G"], u: Float[Array, " P"]) -> Float[Array, " 
 
 
 def as_drawn(sketch: Float[Array, "N 2"], reason: str) -> Curve:
-    """A curve that failed: the sketch, with nothing known about it."""
-    if len(sketch) < 2 or not np.isfinite(sketch).all():
-        known = sketch[np.isfinite(sketch).all(axis=1)]
-        sketch = np.repeat(known[:1], 2, 0) if len(known) else np.zeros((2, 2))
-    points = np.clip(sketch, -const.FARTHEST_PX, const.FARTHEST_PX)
+    """A curve that failed: the sketch without missing points, with nothing known about it."""
+    points = sketch[np.isfinite(sketch).all(axis=1)]
+    if len(points) < 2:
+        points = np.repeat(points, 2, 0) if len(points) else np.zeros((2, 2))
+    points = np.clip(points, -const.FARTHEST_PX, const.FARTHEST_PX)
     line = spline.resample(points, POINTS)
     return Curve(
         np.column_stack([points, np.full(len(points), np.nan)]),
