@@ -358,11 +358,14 @@ def test_a_run_is_not_resumed_on_another_film(
     assert not Path("labels.csv").exists()
 
 
+# A copy that keeps its time, as those of a backup do, is older than the frame that it replaces.
+@pytest.mark.parametrize("ago", [-10, 1000], ids=["written later", "copied"])
 def test_a_frame_that_was_replaced_is_not_taken_for_finished(
     folder: Path,
     engine: FakeEngine,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
+    ago: float,
 ) -> None:
     Path("frames").mkdir()
     for i, image in enumerate(film(4)):
@@ -372,8 +375,8 @@ def test_a_frame_that_was_replaced_is_not_taken_for_finished(
     assert main(command) == 130
     monkeypatch.setattr(napari_splinesketch, "refine", engine)
     tifffile.imwrite("frames/1.tif", film(4)[1] + 1, photometric="minisblack")
-    later = time.time() + 10
-    os.utime("frames/1.tif", (later, later))
+    written = time.time() - ago
+    os.utime("frames/1.tif", (written, written))
     assert main([*command, "--resume"]) == 2
     assert "frame 1 of frames is not the one that the interrupted run" in capsys.readouterr().err
 

@@ -1,6 +1,5 @@
 """A run over the frames of an image: one loop, for any workers and any order."""
 
-import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field, fields, replace
@@ -169,14 +168,14 @@ class Run:
     def _is_newer(self, frame: int) -> bool:
         files, kept = self.images.files, self.partial.table(frame).stat()
         file = files[frame] if files else self._newest
-        return file.exists() and file.stat().st_mtime > kept.st_mtime
+        return file.exists() and _came(file) >= kept.st_mtime
 
     @cached_property
     def _newest(self) -> Path:
         """What was written last of the image: a Zarr has many files."""
         image = Path(self.job.image)
         every = filter(Path.exists, chain([image], image.rglob("*")))
-        return max(every, key=os.path.getmtime, default=image)
+        return max(every, key=_came, default=image)
 
     def write(self, frames: Iterable[int], notes: Iterable[str] = ()) -> Outcome:
         """Write the labels of all frames, in rising order, however many; `notes` come first."""
@@ -219,6 +218,11 @@ class Run:
         kept = (done.frame for done in reports if self.partial.has_labels(done.frame))
         frames = np.fromiter(kept, dtype=np.int64)
         return ByFrame(frames, head, lambda: (self.partial.labels(int(f)) for f in frames))
+
+
+def _came(file: Path) -> float:
+    """Tell when a file was written or put in its place: a copy may be as old as what was copied."""
+    return max(file.stat().st_mtime, file.stat().st_ctime)
 
 
 def is_judged(line: Label) -> bool:
