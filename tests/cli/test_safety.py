@@ -109,6 +109,8 @@ INPUTS = {
     "overlay beside the frames": "refine frames sketches.csv -o labels.csv --overlay frames/9.png",
     "overlay over a glob": "refine frames/*.png sketches.csv -o labels.csv --overlay frames/2.png",
     "overlay into a glob": "refine frames/*.png sketches.csv -o labels.csv --overlay frames/9.png",
+    "overlay into a glob of folders": "refine f*s/*.png sketches.csv -o labels.csv "
+    "--overlay frames/9.png",
     "convert in place": "convert sketches.csv sketches.csv",
     "convert through a link": "convert sketches.csv link.csv",
     "picture over the image": "compare sketches.csv accepted.csv --image frames/0.png "

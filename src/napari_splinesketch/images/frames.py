@@ -106,8 +106,9 @@ def is_part_of(path: Path, pattern: str) -> bool:
         return same_file(path, image) or is_inside(path, image)
     if path.suffix.lower() not in TIFFS + STILLS:
         return False
-    beside = (image if image.is_dir() else image.parent) / path.name
-    becomes = [beside] if image.is_dir() or beside.match(image.name) else []
+    folder, name = (image, "*") if image.is_dir() else (image.parent, image.name)
+    folders = [folder] if folder.is_dir() else map(Path, glob(str(folder)))
+    becomes = (each / path.name for each in folders if path.match(name))
     return any(same_file(path, one) for one in (*_matching(pattern), *becomes))
 
 
