@@ -4,8 +4,10 @@ import json
 import os
 import pickle
 import signal
+import socket
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
@@ -277,6 +279,26 @@ def test_a_scheduler_that_is_none_is_said_with_the_remedy(
         assert "dask scheduler" in told
         assert len(told.splitlines()) == 1
     assert not list(folder.glob("none.csv*"))
+
+
+@pytest.mark.parametrize("answer", [b"", b"HTTP/1.1 400 Bad Request"], ids=["none", "HTTP"])
+def test_the_port_of_something_else_is_said_with_the_remedy(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], answer: bytes
+) -> None:
+    monkeypatch.setattr(workers, "PATIENCE", 0.3)
+    monkeypatch.setattr("distributed.Client", lambda *given, **more: pytest.fail("a client"))
+    with ExitStack() as inside:
+        dashboard = inside.enter_context(socket.create_server(("127.0.0.1", 0)))
+
+        def serve() -> None:
+            inside.enter_context(dashboard.accept()[0]).sendall(answer)
+
+        threading.Thread(target=serve).start()
+        address = "tcp://{}:{}".format(*dashboard.getsockname())
+        assert main([*COMMAND, "-o", "none.csv", "--scheduler", address]) == 2
+    told = capsys.readouterr().err
+    assert f"--scheduler {address}: no scheduler answers there but something else" in told
+    assert "`dask scheduler`, which prints its address" in told
 
 
 def test_no_client_is_made_of_an_address_that_cannot_be(

@@ -1,5 +1,6 @@
 """Tasks through workers, here or on a cluster: a few at a time, and none lost when one dies."""
 
+import asyncio
 import logging
 import multiprocessing
 import os
@@ -166,17 +167,19 @@ def cluster(address: str) -> Iterator["Cluster"]:
     """
     try:
         from distributed import Client, KilledWorker
-        from distributed.comm.addressing import resolve_address
     except ImportError:
         raise InputError(f"--scheduler needs a library; {INSTALL.format('cluster')}") from None
     # Dask's messages at the end of a connection are replaced by one sentence of ours.
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
     try:
-        resolve_address(address)  # a client of none keeps Python from ending for 40 s
+        asyncio.run(_greet(address))  # a client of none keeps Python from ending for 40 s
         client = Client(address, timeout=PATIENCE, set_as_default=False)
-    except (OSError, ValueError) as error:  # no answer, or no address at all
+    except (MemoryError, OSError, ValueError) as error:  # no answer, or no address at all
+        # What is taken for the length of an answer does not fit into memory.
+        other = isinstance(error, MemoryError | TimeoutError)
+        why = "but something else, such as its dashboard" if other else f"({error})"
         raise InputError(
-            f"--scheduler {address}: no scheduler answers there ({error}); start one "
+            f"--scheduler {address}: no scheduler answers there {why}; start one "
             "with `dask scheduler`, which prints its address"
         ) from None
     with client:
@@ -192,6 +195,16 @@ def cluster(address: str) -> Iterator["Cluster"]:
                 yield Cluster(client, executor, (KilledWorker,))
             finally:
                 executor.shutdown(wait=False)
+
+
+async def _greet(address: str) -> None:
+    """Connect to a scheduler for a moment: Dask's client waits without end for what is none."""
+    from distributed.comm.core import connect
+    from distributed.security import Security
+
+    async with asyncio.timeout(PATIENCE):
+        one = await connect(address, PATIENCE / 2, **Security().get_connection_args("client"))
+        await one.close()
 
 
 class Cluster:
