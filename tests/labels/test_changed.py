@@ -156,11 +156,12 @@ def test_deleted_and_added_lines(tmp_path: Path, program: str) -> None:
 
 @pytest.mark.parametrize("program", PROGRAMS)
 @pytest.mark.parametrize("order", [1, -1], ids=["copy last", "copy first"])
-def test_a_copy_that_was_moved_is_a_line_of_its_own(
-    tmp_path: Path, program: str, order: int
+@pytest.mark.parametrize("moved", [3, 0], ids=["moved", "in its place"])
+def test_a_copy_is_a_line_of_its_own(
+    tmp_path: Path, program: str, order: int, moved: float
 ) -> None:
     def edit(lines: list[Line]) -> None:
-        lines.append({**lines[0], "xy": lines[0]["xy"] + 3})
+        lines.append({**lines[0], "xy": lines[0]["xy"] + moved})
         lines[:] = lines[::order]
 
     back = opened(program, tmp_path, edit)

@@ -117,13 +117,14 @@ class Source:
     ) -> Sequence[Label]:
         """Give a line of ours with half-width, sd and words that were written beside it.
 
-        None is given where it is not as its checksum `told`, of which older files have none, or
-        where it is in another plane: it was changed.
+        None is given where it is not as its checksum `told`, of which older files have none, where
+        it is in another plane, or where it was given before: it was changed or copied.
         """
         size, found, widths, sds = len(line.points), checksum(line), *map(len, beside[:2])
         near = partial(np.allclose, rtol=1e-7, atol=ROUNDED * size**0.5)
         known = not told or (len(told) == 3 and told[2] == found[2] and near(found, told))
-        if (known and plane is None and sds == size) or sds != widths:  # the latter is refused
+        known = known and plane is None and not (told and (line.frame, line.curve) in self._known)
+        if (known and sds == size) or sds != widths:  # the latter is refused
             return (Label(line.frame, line.curve, line.points, *beside),)
         self.sketches.append((line, plane, True))
         return ()
