@@ -100,6 +100,16 @@ def test_frames_appended_some_at_a_time_are_a_film(tmp_path: Path, compression: 
         open_frames(str(tmp_path / "a.tif"), z=1).__enter__()
 
 
+def test_pages_that_are_compressed_in_several_ways_keep_their_order(tmp_path: Path) -> None:
+    with tifffile.TiffWriter(tmp_path / "a.tif") as file:
+        for page, how in zip(FRAMES, ("zlib", None) * len(FRAMES), strict=False):
+            file.write(page, compression=how, photometric="minisblack", metadata=None)
+    with open_frames(str(tmp_path / "a.tif")) as images:
+        assert images.count == len(FRAMES)
+        for i, page in enumerate(FRAMES):
+            np.testing.assert_array_equal(images[i], page)
+
+
 @pytest.mark.parametrize("count", [1, 2])
 def test_stacks_of_several_types_are_refused(tmp_path: Path, count: int) -> None:
     with tifffile.TiffWriter(tmp_path / "a.tif") as writer:

@@ -69,9 +69,14 @@ def _frames(
             raise InputError(f"{path}: its stacks are {said}; save those of one type as a file")
     planes = [choose_planes(path.name, p.axes[:-last], p.shape[:-last], channel, z) for p in parts]
     ends = np.cumsum([count for count, _ in planes])
+    # Pages that are compressed in one way are a part, whatever is between them.
+    some = parts if len(parts) > 1 else []  # to go through the pages of a long film takes a while
+    pages = [page.index for part in some for page in part.pages if page is not None]
+    order = np.argsort(pages) if len(pages) == ends[-1] else np.arange(ends[-1])
     stack = lru_cache(1)(lambda part: parts[part].asarray())
 
     def read(index: int) -> np.ndarray:
+        index = int(order[index])
         part = int(np.searchsorted(ends, index, side="right"))
         series, place = parts[part], planes[part][1](index - int(ends[part]) + planes[part][0])
         if series.dataoffset is None and series.keyframe.shape != size:
