@@ -137,6 +137,12 @@ def test_status_is_told_by_colour_breadth_and_sign(
     dock.controller.select([(0, 2)])
     assert dock.curve.title.text() == "Curve 2: to check"
     assert dock.hint.text() == "Curve 2: its ends &lt;are&gt; lost."
+    dock.controller.review("accepted")
+    assert dock.results.text() == "2 good", "nothing is left to check"
+    until(lambda: not len(viewer.layers["cells marks"].data))
+    dock.controller.undo()
+    assert dock.results.text() == "1 good · 1 to check"
+    until(lambda: list(viewer.layers["cells marks"].text.values) == ["2 ?"])
 
 
 def test_shapes_that_are_no_lines_are_named(viewer: Any, dock: SplinesketchDock) -> None:

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from napari_splinesketch.labels.types import Review
 from napari_splinesketch.plugin.commands import Commands
 from napari_splinesketch.plugin.controller import Controller
 from napari_splinesketch.plugin.dock import SplinesketchDock
@@ -75,6 +76,14 @@ def test_marks_are_in_view_and_never_overprinted() -> None:
     apart = np.abs(at[:, None] - at)
     over = (apart[..., 0] < 8) & (apart[..., 1] < 5 * 4.5)
     assert over.sum() <= len(found) + 2 * (apart[..., 1] > 3 * 4.5)[over].sum()
+
+
+@pytest.mark.parametrize("review", ["accepted", "rejected"])
+def test_a_curve_that_was_judged_has_no_mark(review: Review) -> None:
+    line = np.array([[100.0, 80], [100, 120]])
+    record = Record(7, 0, line, as_drawn(line, status="check"))
+    assert list(readable([record], VIEW))
+    assert not list(readable([replace(record, review=review)], VIEW))
 
 
 def test_marks_of_equally_bad_curves_are_spread_over_the_view() -> None:

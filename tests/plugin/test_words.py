@@ -82,6 +82,14 @@ def test_the_summary_is_one_line() -> None:
     assert words.summary([]) == ""
 
 
+def test_the_summary_counts_what_is_left_to_check() -> None:
+    one, two, three = records(*[("check", ("it moved",))] * 3)
+    accepted, rejected = replace(two, review="accepted"), replace(three, review="rejected")
+    assert words.summary([one, accepted]) == "1 good · 1 to check"
+    assert words.summary([accepted, rejected]) == "1 good · 1 rejected"
+    assert words.summary([one, accepted, rejected]) == "1 good · 1 ? · 1 ✗"
+
+
 def test_the_selected_curve_says_why_it_is_doubtful() -> None:
     (one,) = records(("check", ("it moved", "it is short")))
     assert words.selected([one], 0) == "Curve 1: to check"

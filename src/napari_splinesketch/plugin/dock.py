@@ -89,7 +89,8 @@ class SplinesketchDock(qt.QWidget):
         self.undo, self.redo = self.steps.buttons.values()
         labels = (ui.TextLabel() for _ in range(6))
         self.results, self.legend, self.said, self.stage, self.notice, self.hint = labels
-        self.results.setToolTip("Curves of this frame: good, to check (?) and failed (!)")
+        said = "Curves of this frame: good or accepted, to check (?), failed (!) and rejected (✗)"
+        self.results.setToolTip(said)
         self.legend.setWordWrap(False)  # or a scroll bar that comes would make itself necessary
         tip = "Show the table of curves and the plots of the selected one"
         self.review = ui.Button("Review", tip, self._show_or_hide_panel)

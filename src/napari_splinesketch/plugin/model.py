@@ -14,7 +14,7 @@ from psygnal import Signal, SignalGroup
 from scipy.optimize import linear_sum_assignment
 
 from napari_splinesketch.engine.spline import apart, resample
-from napari_splinesketch.engine.types import Curve, Line
+from napari_splinesketch.engine.types import Curve, Line, Status
 from napari_splinesketch.grids import Patch, patched
 from napari_splinesketch.labels.types import Review
 
@@ -86,6 +86,12 @@ class Record:
     def by_hand(self) -> bool:
         """Whether the user drew or changed it: tracking goes on from there."""
         return not self.carried or self.shaped
+
+    @property
+    def standing(self) -> Status | Review:
+        """Its status, until the user has judged it: then it is good, or rejected."""
+        verdict = self.review if self.review != "accepted" else "good"
+        return self.curve.status if verdict == "open" else verdict
 
     @property
     def decided(self) -> bool:

@@ -105,11 +105,11 @@ def _decided(plan: "Plan") -> str:
 
 
 def summary(records: Sequence[model.Record]) -> str:
-    """Say how many curves are good, to check and failed, in one line."""
-    known = Counter([record.curve.status for record in records])
-    said = ("good", "?", "!") if len(known) > 2 else columns.STATUS_WORDS.values()
-    numbers = zip(columns.STATUS_WORDS, said, strict=True)
-    return " · ".join(f"{known[status]} {word}" for status, word in numbers if known[status])
+    """Say how many curves are good or accepted, to check, failed and rejected, in one line."""
+    known = Counter([record.standing for record in records])
+    short = {"check": "?", "failed": "!", "rejected": "✗"} if len(known) > 2 else {}
+    told = {**columns.STATUS_WORDS, "rejected": "rejected", **short}
+    return " · ".join(f"{known[each]} {word}" for each, word in told.items() if known[each])
 
 
 def selected(records: Sequence[model.Record], frame: int, place: Callable[[int], str] = str) -> str:

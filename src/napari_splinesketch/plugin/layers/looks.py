@@ -111,7 +111,7 @@ def severity(curve: Curve) -> tuple[int, float]:
 def readable(records: Sequence[Record], view: View) -> Iterator[tuple[Record, Pair]]:
     """Choose curves whose marks can be read, the worst first, spread over the view; with places."""
     frame = [record for record in records if record.frame == view.frame]
-    here = [record for record in frame if MARKS[record.curve.status]]
+    here = [record for record in frame if record.standing in ("check", "failed")]
     if not here:
         return
     ends = np.stack([_stands(r.curve)[0] for r in here])
