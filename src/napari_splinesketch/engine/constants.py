@@ -367,7 +367,7 @@ BLUNT = (0.3, 0.7)
 # a body ends in its cap where, so many half-widths of the end beyond that ...
 BEYOND_CAP = (1.5, 2.0, 2.5)
 DARK = 0.3  # ... the image is darker than this share of the body
-CAP_AHEAD = 0.5  # least cosine between a curve's end and the sketch's end that its cap reaches for
+CAP_AHEAD = 0.6  # least cosine between a curve's end and the sketch's end that its cap reaches for
 CAP_POINTS = 17  # points at which the length of a cap is measured (speed)
 # knots crowd where two are nearer to each other than this share of their usual distance:
 CROWDED = 0.5
