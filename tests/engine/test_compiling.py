@@ -74,7 +74,6 @@ def test_doubles_elsewhere_change_nothing():
     [
         ("numpy_rank_promotion", "raise"),
         ("transfer_guard", "disallow"),
-        ("debug_nans", True),
         ("debug_infs", True),
     ],
 )

@@ -16,7 +16,7 @@ from jaxtyping import Float, Real
 from napari_splinesketch import __version__
 from napari_splinesketch.batch.workers import limit_threads
 from napari_splinesketch.engine.types import Curve, InputError
-from napari_splinesketch.files import reason_of
+from napari_splinesketch.files import REFUSALS, reason_of
 from napari_splinesketch.images.frames import Frames, checksum, open_frames
 from napari_splinesketch.labels import Label
 
@@ -56,7 +56,7 @@ def _opened(source: Source) -> Frames:
     try:
         found = open_frames(source.pattern, channel=source.channel, z=source.z)
         images = _inside.enter_context(found)
-    except (InputError, OSError) as error:
+    except REFUSALS as error:
         raise UnreachableError(str(error)) from None
     if images.count != source.count:
         counts = f"{images.count}; expected {source.count}"

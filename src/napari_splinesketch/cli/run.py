@@ -249,13 +249,14 @@ def open_run(job: FrameJob, report: Report, drawn: AnyLabels | None = None) -> I
         if masked and drawn:
             masks.page_count(drawn)
         if masked or job.half_width is not None:
-            shape: Any = ()
-            with suppress(InputError):  # frames that cannot be read are reported one by one
-                shape = images[0].shape
-            if shape:
-                check_options(shape, job.polarity, job.half_width)
-            if shape and masked:
-                masks.drawn_shape(Labels(shape=shape))
+            try:
+                height, width = images[0].shape
+            except InputError:
+                pass  # frames that cannot be read are reported one by one
+            else:
+                check_options((height, width), job.polarity, job.half_width)
+                if masked:
+                    masks.drawn_shape(Labels(shape=(height, width)))
         head = Labels()
         # The last word is the user's; an image's may be wrong.
         for known in (drawn and drawn.head, images, job):
