@@ -2,7 +2,9 @@
 # ruff: noqa: E402
 
 import argparse
+import atexit
 import os
+import shutil
 import tempfile
 import time
 from collections.abc import Callable, Sequence
@@ -11,6 +13,7 @@ from typing import Any
 
 # Before napari is imported, which reads them then: settings and saved work stay as they are.
 _HOME = tempfile.mkdtemp(prefix="splinesketch-pictures-")
+atexit.register(shutil.rmtree, _HOME, ignore_errors=True)
 os.environ |= {f"XDG_{name}_HOME": f"{_HOME}/{name}" for name in ("CONFIG", "DATA", "STATE")}
 
 import numpy as np

@@ -1,5 +1,6 @@
 """Every run has its own settings and caches; tests of the window need a display."""
 
+import atexit
 import gc
 import math
 import os
@@ -37,6 +38,7 @@ limit_threads(os.environ)
 if QUICK not in os.environ["XLA_FLAGS"] and _knows(QUICK):
     os.environ["XLA_FLAGS"] += f" {QUICK}"
 _HOME = tempfile.mkdtemp(prefix="splinesketch-tests-")
+atexit.register(shutil.rmtree, _HOME, ignore_errors=True)
 for _name in ("CONFIG", "CACHE", "DATA", "STATE"):
     os.environ[f"XDG_{_name}_HOME"] = os.path.join(_HOME, _name.lower())
 os.environ["NAPARI_CONFIG"] = ""
